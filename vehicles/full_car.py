@@ -27,6 +27,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vehicles.axles import axles
 from vehicles.equipment import ElectroHydraulicBars
 from vehicles.model import GRAVITY, Vehicle
 
@@ -168,22 +169,11 @@ def from_vehicle(
     ``suspension_stiffness`` is the roll stiffness of springs and bars (N·m/rad). With ``hydraulic``
     the electro-hydraulic bars replace an equally stiff part of the passive bars.
     """
-    geometry, mass, plant = vehicle.geometry, vehicle.mass, vehicle.plant
-    suspension, valves = vehicle.suspension, vehicle.actuators.valves
-    tracks = geometry.half_track_front, geometry.half_track_rear
-    springs = suspension.spring_rate_front, suspension.spring_rate_rear
-    share = suspension.roll_stiffness_front_share
-    damping_share = suspension.roll_damping_front_share
+    mass, plant, valves = vehicle.mass, vehicle.plant, vehicle.actuators.valves
+    front, rear = both = axles(vehicle)
     replaced = valves.bar_stiffness * valves.lever_ratio**2 if hydraulic else 0.0
-
-    def bar(part: float, spring: float, track: float) -> float:
-        return max(part * suspension_stiffness - 2 * spring * track**2 - replaced, 0.0)
-
-    def damping(part: float, track: float) -> float:
-        return part * plant.roll_damping / (2 * track**2)
-
+    bars = [max(axle.bar(suspension_stiffness) - replaced, 0.0) for axle in both]
     offset = vehicle.sprung_cg_offset
-    front, rear = geometry.cg_to_front_axle, -geometry.cg_to_rear_axle
     return FullCar(
         mass=vehicle.total_mass,
         sprung_mass=plant.sprung_mass,
@@ -193,20 +183,17 @@ def from_vehicle(
         roll_height=plant.cg_height_above_roll_axis,
         pitch_height=plant.cg_height_above_roll_axis,
         pitch_coupling=_pitch_coupling(vehicle),
-        distance=(front, rear),
-        body_distance=(front - offset, rear - offset),
-        half_track=tracks,
-        unsprung=(mass.unsprung_front / 2, mass.unsprung_rear / 2),
-        spring=springs,
-        damping=(damping(damping_share, tracks[0]), damping(1 - damping_share, tracks[1])),
-        bar=(bar(share, springs[0], tracks[0]), bar(1 - share, springs[1], tracks[1])),
-        cornering=(
-            vehicle.tyre.cornering_stiffness_front,
-            vehicle.tyre.cornering_stiffness_rear,
-        ),
+        distance=(front.ahead, rear.ahead),
+        body_distance=(front.ahead - offset, rear.ahead - offset),
+        half_track=(front.half_track, rear.half_track),
+        unsprung=(front.unsprung / 2, rear.unsprung / 2),
+        spring=(front.spring, rear.spring),
+        damping=(front.damping, rear.damping),
+        bar=(bars[0], bars[1]),
+        cornering=(front.cornering, rear.cornering),
         tyre_stiffness=vehicle.tyre.vertical_stiffness,
         tyre_damping=vehicle.tyre.vertical_damping,
-        roll_centre_height=(geometry.roll_centre_height_front, geometry.roll_centre_height_rear),
+        roll_centre_height=(front.roll_centre, rear.roll_centre),
         roll_axis_height=vehicle.roll_axis_height,
         wheel_radius=vehicle.tyre.radius,
         wheel_inertia=vehicle.tyre.wheel_inertia,

@@ -6,7 +6,7 @@ Axes: x forward, y left, z up. Wheels: front left, front right, rear left, rear 
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from math import degrees, sqrt
 from pkgutil import resolve_name
 from typing import Any
@@ -181,6 +181,16 @@ class Tyre:
     wheel_inertia: float
     rolling_resistance: float
 
+    def at_load(self, ratio: float) -> "Tyre":
+        """The same tyres with their numbers at ``ratio`` times the static load."""
+        cornering = ratio * (1.0 + self.cornering_load_slope * (1.0 - ratio))
+        return replace(
+            self,
+            cornering_stiffness_front=cornering * self.cornering_stiffness_front,
+            cornering_stiffness_rear=cornering * self.cornering_stiffness_rear,
+            friction=self.friction * (1.0 + self.friction_load_slope * (1.0 - ratio)),
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Steering:
@@ -294,17 +304,18 @@ class Vehicle:
         moment = self.plant.sprung_mass * self.sprung_cg_height + unsprung * self.tyre.radius
         return moment / self.total_mass
 
-    def lateral_gain(self, speed: float) -> float:
-        """Steady lateral acceleration per road-wheel angle (m/s² per rad) at ``speed`` (m/s).
-
-        Linear bicycle: v² / (l + K_u v²) with the understeer gradient K_u of the tyres.
-        """
+    @property
+    def understeer(self) -> float:
+        """Understeer gradient of the linear bicycle (rad per m/s²): δ = l/R + K a_y."""
         geometry, tyre = self.geometry, self.tyre
-        understeer = (self.total_mass / geometry.wheelbase) * (
+        return (self.total_mass / geometry.wheelbase) * (
             geometry.cg_to_rear_axle / tyre.cornering_stiffness_front
             - geometry.cg_to_front_axle / tyre.cornering_stiffness_rear
         )
-        return speed**2 / (geometry.wheelbase + understeer * speed**2)
+
+    def lateral_gain(self, speed: float) -> float:
+        """Steady lateral acceleration per road-wheel angle (m/s² per rad) at ``speed`` (m/s)."""
+        return speed**2 / (self.geometry.wheelbase + self.understeer * speed**2)
 
     @property
     def static_stability_factor(self) -> float:

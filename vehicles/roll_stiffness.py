@@ -7,6 +7,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from canroll.errors import CanrollError
+from vehicles.axles import axles
 from vehicles.model import GRAVITY, Vehicle
 
 
@@ -30,26 +31,21 @@ def steady_roll(
         carried: moment transmitted by actuators from the body to the front and the rear axle, per
             lateral acceleration, N·m per m/s².
     """
-    geometry, plant, mass, tyre = vehicle.geometry, vehicle.plant, vehicle.mass, vehicle.tyre
-    total, wheelbase = vehicle.total_mass, geometry.wheelbase
+    plant, tyre = vehicle.plant, vehicle.tyre
+    total, wheelbase = vehicle.total_mass, vehicle.geometry.wheelbase
     matrix, right = np.zeros((3, 3)), np.zeros(3)
     matrix[0, 0] = suspension_stiffness - plant.roll_arm * GRAVITY
     right[0] = plant.roll_arm - sum(carried)
     spinning = 2 * tyre.wheel_inertia / tyre.radius
-    axles = (
-        (geometry.cg_to_rear_axle, geometry.half_track_front, mass.unsprung_front),
-        (geometry.cg_to_front_axle, geometry.half_track_rear, mass.unsprung_rear),
-    )
-    heights = geometry.roll_centre_height_front, geometry.roll_centre_height_rear
-    for i, (other, track, unsprung) in enumerate(axles):
-        stiffness = axle_roll_shares(vehicle)[i] * suspension_stiffness
-        force = total * other / wheelbase
-        sprung = force - unsprung
-        tilt = GRAVITY * (sprung * heights[i] + unsprung * tyre.radius)
+    for i, axle in enumerate(axles(vehicle)):
+        stiffness = axle.roll_share * suspension_stiffness
+        sprung = total * axle.opposite / wheelbase - axle.unsprung
+        on_road = sprung * axle.roll_centre + axle.unsprung * tyre.radius
+        tilt = GRAVITY * on_road
         matrix[0, i + 1] = -stiffness
         matrix[i + 1, 0] = -stiffness
-        matrix[i + 1, i + 1] = stiffness + 2 * tyre.vertical_stiffness * track**2 - tilt
-        right[i + 1] = sprung * heights[i] + unsprung * tyre.radius + spinning + carried[i]
+        matrix[i + 1, i + 1] = stiffness + 2 * tyre.vertical_stiffness * axle.half_track**2 - tilt
+        right[i + 1] = on_road + spinning + carried[i]
     body, front, rear = np.linalg.solve(matrix, right).tolist()
     return body, front, rear
 
@@ -92,14 +88,12 @@ def springs_within(vehicle: Vehicle) -> Vehicle:
         CanrollError: as for :func:`suspension_roll_stiffness`.
     """
     stiffness = suspension_roll_stiffness(vehicle)
-    suspension, geometry = vehicle.suspension, vehicle.geometry
-    tracks = geometry.half_track_front, geometry.half_track_rear
-    rates = suspension.spring_rate_front, suspension.spring_rate_rear
+    rates = tuple(axle.spring for axle in axles(vehicle))
     front, rear = (
-        min(rate, share * stiffness / (2 * track**2))
-        for rate, share, track in zip(rates, axle_roll_shares(vehicle), tracks, strict=True)
+        min(axle.spring, axle.roll_share * stiffness / (2 * axle.half_track**2))
+        for axle in axles(vehicle)
     )
     if (front, rear) == rates:
         return vehicle
-    softer = replace(suspension, spring_rate_front=front, spring_rate_rear=rear)
+    softer = replace(vehicle.suspension, spring_rate_front=front, spring_rate_rear=rear)
     return replace(vehicle, suspension=softer)

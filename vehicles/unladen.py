@@ -28,7 +28,7 @@ def unladen(vehicle: Vehicle) -> Vehicle:
     sensitivity to the lower static load. The CG's distances from the axles, and pitch and yaw
     inertia, are unchanged.
     """
-    body, tyre = empty_body(vehicle), vehicle.tyre
+    body = empty_body(vehicle)
     changed = {
         "sprung_mass": body.sprung_mass,
         "cg_height_above_roll_axis": body.cg_height_above_roll_axis,
@@ -39,15 +39,9 @@ def unladen(vehicle: Vehicle) -> Vehicle:
     gradient = steady_roll(lighter, suspension_roll_stiffness(vehicle))[0]
     stiffness = lighter.plant.roll_arm / gradient + lighter.plant.roll_arm * GRAVITY
     plant = replace(lighter.plant, roll_stiffness=stiffness)
-    cornering = load * (1.0 + tyre.cornering_load_slope * (1.0 - load))
     return replace(
         vehicle,
         plant=plant,
         design=replace(vehicle.design, **changed),
-        tyre=replace(
-            tyre,
-            cornering_stiffness_front=cornering * tyre.cornering_stiffness_front,
-            cornering_stiffness_rear=cornering * tyre.cornering_stiffness_rear,
-            friction=tyre.friction * (1.0 + tyre.friction_load_slope * (1.0 - load)),
-        ),
+        tyre=vehicle.tyre.at_load(load),
     )

@@ -304,7 +304,7 @@ class Scope:
         if static is None or static.value is None:
             raise self.refuse(node, "a call of something that is no kernel")
         its = static.value
-        if its is np.empty or hasattr(its, "elements"):
+        if its is np.empty or hasattr(its, "elements") or hasattr(its, "record"):
             return self.make(node)
         arguments = [self.value(argument) for argument in node.args]
         if hasattr(its, "same"):

@@ -2,11 +2,12 @@
 
 import ast
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from codegen.kernels.expressions import Scope, Static, Value
-from codegen.kernels.kinds import INT, Array, Kind, Number, Several, Structs, unified
+from codegen.kernels.kinds import INT, Array, Kind, Number, Record, Several, Structs, unified
 
 INDENT = "    "
 
@@ -131,6 +132,8 @@ class Body:
         """An array of this call of the function, as np.empty makes it."""
         function = self.scope.static(source.func)
         assert function is not None
+        if hasattr(function.value, "record"):
+            return self._record(self.scope.value(source.args[0]), function.value)
         if function.value is np.empty:
             kind = self._empty(source)
         else:
@@ -138,6 +141,12 @@ class Body:
         name = f"made_{source.lineno}_{source.col_offset}"
         self.local[name] = kind
         return Value(kind, name)
+
+    def _record(self, vector: Value, function: Any) -> Value:  # noqa: ANN401
+        """The record that begins a vector of float64 numbers."""
+        dtype: np.dtype[Any] = function.record
+        name = self.structs.name(dtype, function.__module__.rpartition(".")[2])
+        return Value(Record(dtype), f"(({name} *){vector.c})")
 
     def _empty(self, source: ast.Call) -> Array:
         sizes = source.args[0].elts if isinstance(source.args[0], ast.Tuple) else [source.args[0]]

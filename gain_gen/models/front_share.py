@@ -16,6 +16,7 @@ from scipy.optimize import brentq
 from canroll.errors import CanrollError
 from gain_gen.models.trim import most_lateral_acceleration, slip_angles
 from vehicles import Vehicle
+from vehicles.axles import axles
 from vehicles.roll_stiffness import axle_roll_shares
 from vehicles.unladen import unladen
 
@@ -51,8 +52,7 @@ def front_share(vehicle: Vehicle) -> float:
 
 def sensitive(vehicle: Vehicle) -> bool:
     """Return whether unequal loads reduce the tyres' force; else the share does not affect yaw."""
-    tyre = vehicle.tyre
-    return tyre.cornering_load_slope > 0.0 or tyre.friction_load_slope > 0.0
+    return any(axle.tyre.load_sensitive for axle in axles(vehicle))
 
 
 def understeer(vehicle: Vehicle, share: float) -> Iterator[tuple[float, float]]:

@@ -30,7 +30,8 @@ import numpy as np
 from gain_gen.models.roll import Matrix
 from gain_gen.models.trim import steady_curve
 from vehicles import GRAVITY, Vehicle
-from vehicles.roll_stiffness import axle_roll_shares, suspension_roll_stiffness
+from vehicles.axles import axles
+from vehicles.roll_stiffness import suspension_roll_stiffness
 
 STATES = (
     *("lateral_velocity", "yaw_rate", "roll", "roll_rate"),
@@ -75,50 +76,6 @@ class LinearModel:
         return np.asarray(self.c @ np.linalg.solve(shifted, inputs) + self.d)
 
 
-@dataclass(frozen=True, slots=True)
-class _Axle:
-    """An axle: place, mass, sprung load, and its share of the moment; lengths in m, SI units."""
-
-    ahead: float
-    track: float
-    centre: float
-    mass: float
-    sprung_load: float
-    stiffness: float
-    damping: float
-    share: float
-
-
-def _axles(vehicle: Vehicle, share: float) -> tuple[_Axle, _Axle]:
-    """Return front and rear axle; ``share`` is the front one's of the moment."""
-    geometry, mass = vehicle.geometry, vehicle.mass
-    stiffness, damping = suspension_roll_stiffness(vehicle), vehicle.plant.roll_damping
-    front_stiffness, rear_stiffness = axle_roll_shares(vehicle)
-    front_damping = vehicle.suspension.roll_damping_front_share
-    weight, on_front = vehicle.total_mass * GRAVITY, geometry.static_front_share
-    front = _Axle(
-        ahead=geometry.cg_to_front_axle,
-        track=geometry.half_track_front,
-        centre=geometry.roll_centre_height_front,
-        mass=mass.unsprung_front,
-        sprung_load=on_front * weight - mass.unsprung_front * GRAVITY,
-        stiffness=front_stiffness * stiffness,
-        damping=front_damping * damping,
-        share=share,
-    )
-    rear = _Axle(
-        ahead=-geometry.cg_to_rear_axle,
-        track=geometry.half_track_rear,
-        centre=geometry.roll_centre_height_rear,
-        mass=mass.unsprung_rear,
-        sprung_load=(1.0 - on_front) * weight - mass.unsprung_rear * GRAVITY,
-        stiffness=rear_stiffness * stiffness,
-        damping=(1.0 - front_damping) * damping,
-        share=1.0 - share,
-    )
-    return front, rear
-
-
 def linear_car(
     vehicle: Vehicle,
     speed: float,
@@ -142,8 +99,8 @@ def linear_car(
     """
     plant, tyre = vehicle.plant, vehicle.tyre
     share = vehicle.geometry.static_front_share if front_share is None else front_share
+    stiffness = suspension_roll_stiffness(vehicle)
     unit = np.eye(_WIDTH)
-    axles = _axles(vehicle, share)
     tyres = steady_curve(vehicle, lateral_acceleration, friction)
 
     sprung = np.array([1.0, vehicle.sprung_cg_offset, -plant.cg_height_above_roll_axis, 0.0, 0.0])
@@ -153,28 +110,33 @@ def linear_car(
     momentum = plant.sprung_mass * sprung
     forces = np.zeros((len(_SPEEDS), _WIDTH))
     forces[2] = plant.roll_arm * GRAVITY * unit[_ROLL] + unit[_DISTURBANCE]
-    for i, axle in enumerate(axles):
+    for i, axle in enumerate(axles(vehicle)):
         tilt, tilt_rate = unit[_TILT + i], unit[_TILT_RATE + i]
-        centre = np.array([1.0, axle.ahead, vehicle.roll_axis_height - axle.centre, 0.0, 0.0])
+        centre = np.array([1.0, axle.ahead, vehicle.roll_axis_height - axle.roll_centre, 0.0, 0.0])
         turned = np.eye(len(_SPEEDS))[3 + i]
-        hub = centre - (tyre.radius - axle.centre) * turned
-        patch = centre + axle.centre * turned
-        polar = axle.mass * axle.track**2
-        inertia += axle.mass * np.outer(hub, hub)
-        inertia[1, 1] += polar + 2.0 * tyre.wheel_inertia * (axle.track / tyre.radius) ** 2
+        hub = centre - (tyre.radius - axle.roll_centre) * turned
+        patch = centre + axle.roll_centre * turned
+        polar = axle.unsprung * axle.half_track**2
+        inertia += axle.unsprung * np.outer(hub, hub)
+        inertia[1, 1] += polar + 2.0 * tyre.wheel_inertia * (axle.half_track / tyre.radius) ** 2
         inertia[3 + i, 3 + i] += polar
-        momentum = momentum + axle.mass * hub
-        on_road = axle.track * (tyre.vertical_stiffness * tilt + tyre.vertical_damping * tilt_rate)
+        momentum = momentum + axle.unsprung * hub
+        on_road = axle.half_track * (
+            tyre.vertical_stiffness * tilt + tyre.vertical_damping * tilt_rate
+        )
         torque = (
-            axle.stiffness * (tilt - unit[_ROLL])
-            + axle.damping * (tilt_rate - unit[_ROLL_RATE])
-            + axle.share * unit[_MOMENT]
+            axle.roll_share * stiffness * (tilt - unit[_ROLL])
+            + axle.roll_damping * (tilt_rate - unit[_ROLL_RATE])
+            + (share, 1.0 - share)[i] * unit[_MOMENT]
         )
         spin = 2.0 * tyre.wheel_inertia * speed / tyre.radius
-        weight = axle.sprung_load * axle.centre + axle.mass * GRAVITY * tyre.radius
-        forces[1] -= spin * tilt_rate + 2.0 * axle.track * tyre.rolling_resistance * on_road
+        sprung_load = axle.share * vehicle.total_mass * GRAVITY - axle.unsprung * GRAVITY
+        weight = sprung_load * axle.roll_centre + axle.unsprung * GRAVITY * tyre.radius
+        forces[1] -= spin * tilt_rate + 2.0 * axle.half_track * tyre.rolling_resistance * on_road
         forces[2] += torque
-        forces[3 + i] += weight * tilt - torque - 2.0 * axle.track * on_road + spin * unit[_YAW]
+        forces[3 + i] += (
+            weight * tilt - torque - 2.0 * axle.half_track * on_road + spin * unit[_YAW]
+        )
         force = tyres[i].cornering * unit[_SLIP + i] + tyres[i].transfer * on_road
         forces += np.outer(patch, force)
     forces -= speed * np.outer(momentum, unit[_YAW])
@@ -183,11 +145,11 @@ def linear_car(
     rows = np.zeros((len(STATES), _WIDTH))
     rows[_SPEEDS] = rates
     rows[_ROLL] = unit[_ROLL_RATE]
-    for i, axle in enumerate(axles):
+    for i, axle in enumerate(axles(vehicle)):
         rows[_TILT + i] = unit[_TILT_RATE + i]
         aside = unit[_VY] + axle.ahead * unit[_YAW]
-        aside = aside + (vehicle.roll_axis_height - axle.centre) * unit[_ROLL_RATE]
-        aside = aside + axle.centre * unit[_TILT_RATE + i]
+        aside = aside + (vehicle.roll_axis_height - axle.roll_centre) * unit[_ROLL_RATE]
+        aside = aside + axle.roll_centre * unit[_TILT_RATE + i]
         steady = -aside / speed
         steady = steady + unit[_STEER] if i == 0 else steady
         rows[_SLIP + i] = speed / tyre.relaxation_length * (steady - unit[_SLIP + i])

@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import atan, cos, sin
 
 from scipy.optimize import brentq
 
 from canroll.errors import CanrollError
 from vehicles import GRAVITY, Vehicle
-from vehicles.model import Tyre
+from vehicles.axles import axles
 from vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
+from vehicles.tyres import TyreModel
 
 LEAST_LOAD = 0.05
 """Share of its static load that the inner wheel must keep for a trim to be linear about."""
@@ -83,14 +83,13 @@ def slip_angles(
 
 @dataclass(frozen=True, slots=True)
 class _Axle:
-    """An axle: load per wheel (N), load transfer and force (N) per lateral acceleration.
+    """An axle: one tyre, load per wheel (N), load transfer and force (N) per lateral acceleration.
 
     ``static`` is the load at rest; ``carried`` that of rolling straight on, where the resistance of
     the tyres, a couple of the road about their axles, moves load to the rear.
     """
 
-    tyre: Tyre
-    stiffness: float
+    tyre: TyreModel
     static: float
     carried: float
     transferred: float
@@ -105,39 +104,19 @@ class _Axle:
         """Lateral acceleration at which the inner wheel has its least load."""
         return (self.carried - LEAST_LOAD * self.static) / self.transferred
 
-    def grip(self, load: float, friction: float) -> float:
-        """Return the peak lateral force of a wheel, N."""
-        overload = load / self.static - 1.0
-        return (
-            self.tyre.friction * friction * (1.0 - self.tyre.friction_load_slope * overload) * load
-        )
-
     def reserve(self, lateral_acceleration: float, friction: float) -> float:
         """Return the remaining grip, N."""
         loads = self.loads(lateral_acceleration)
-        available = MOST_GRIP * sum(self.grip(load, friction) for load in loads)
+        available = MOST_GRIP * sum(self.tyre.grip(load, friction) for load in loads)
         return available - self.force * lateral_acceleration
-
-    def wheel(self, slip: float, load: float, friction: float) -> tuple[float, float]:
-        """Return a wheel's lateral force (N) and its slope over slip (N/rad): magic formula."""
-        ratio = load / self.static
-        slope = 0.5 * self.stiffness * ratio
-        slope *= 1.0 - self.tyre.cornering_load_slope * (ratio - 1.0)
-        peak = self.grip(load, friction)
-        shape, curvature = self.tyre.shape, self.tyre.curvature
-        x = slope * slip / (peak * shape)
-        bent = x - curvature * (x - atan(x))
-        rise = 1.0 - curvature * (1.0 - 1.0 / (1.0 + x * x))
-        angle = shape * atan(bent)
-        return peak * sin(angle), slope * cos(angle) * rise / (1.0 + bent * bent)
 
     def both(
         self, slip: float, lateral_acceleration: float, friction: float, shift: float = 0.0
     ) -> float:
         """Return the lateral force of both wheels, N, with a further load transfer ``shift``, N."""
         inner, outer = self.loads(lateral_acceleration)
-        force = self.wheel(slip, inner - shift, friction)[0]
-        return force + self.wheel(slip, outer + shift, friction)[0]
+        force = self.tyre.lateral(inner - shift, slip, friction)[0]
+        return force + self.tyre.lateral(outer + shift, slip, friction)[0]
 
     def slip(self, lateral_acceleration: float, friction: float) -> float:
         """Return the slip angle at which the axle carries its share, rad."""
@@ -164,23 +143,19 @@ class _Axle:
         more, less = (
             self.both(slip, lateral_acceleration, friction, shift) for shift in (step, -step)
         )
-        slopes = (self.wheel(slip, load, friction)[1] for load in self.loads(lateral_acceleration))
+        slopes = (
+            self.tyre.lateral(load, slip, friction)[1] for load in self.loads(lateral_acceleration)
+        )
         return AxleTyres(sum(slopes), (more - less) / (2.0 * step))
 
 
 def _axles(vehicle: Vehicle, carried: tuple[float, float] = (0.0, 0.0)) -> Iterator[_Axle]:
     """Yield front and rear axle."""
-    geometry, tyre = vehicle.geometry, vehicle.tyre
+    data = vehicle.tyre
     _, *tilts = steady_roll(vehicle, suspension_roll_stiffness(vehicle), carried)
-    share = geometry.static_front_share
-    tracks = (geometry.half_track_front, geometry.half_track_rear)
-    stiffnesses = (tyre.cornering_stiffness_front, tyre.cornering_stiffness_rear)
-    resistance = tyre.rolling_resistance * vehicle.total_mass * GRAVITY
-    moved = 0.5 * resistance * tyre.radius / geometry.wheelbase
-    for part, tilt, track, stiffness, sign in zip(
-        (share, 1.0 - share), tilts, tracks, stiffnesses, (-1.0, 1.0), strict=True
-    ):
-        force = part * vehicle.total_mass
-        transferred = tyre.vertical_stiffness * track * tilt
-        static = 0.5 * force * GRAVITY
-        yield _Axle(tyre, stiffness, static, static + sign * moved, transferred, force)
+    resistance = data.rolling_resistance * vehicle.total_mass * GRAVITY
+    to_rear = 0.5 * resistance * data.radius / vehicle.geometry.wheelbase
+    for axle, tilt, moved in zip(axles(vehicle), tilts, (-to_rear, to_rear), strict=True):
+        transferred = data.vertical_stiffness * axle.half_track * tilt
+        force = axle.share * vehicle.total_mass
+        yield _Axle(axle.tyre, axle.wheel_load, axle.wheel_load + moved, transferred, force)

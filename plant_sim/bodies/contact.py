@@ -6,7 +6,7 @@ spinning wheel is a gyrostat on its axle, with drive and brake torque between th
 
 Vectors are in the heading frame. Quantities of the wheels stand side by side, four for each slot,
 and the loops over them only fill such slots: compilers make vector code of that, four wheels at
-the cost of one. The curve of the tyre, which no such code knows, has a loop of its own.
+the cost of one. The forces of the tyres, whose curves are no such code, have a loop for themselves.
 """
 
 from math import sqrt
@@ -14,13 +14,9 @@ from math import sqrt
 from canroll.typing import Vector
 from plant_sim.bodies import ports, tyre
 from plant_sim.bodies.held import (
-    CORNERING,
-    DISTANCE,
     DRIVE,
-    PER_STATIC,
     STEER_COS,
     STEER_SIN,
-    UNLOADED,
 )
 from plant_sim.bodies.kinematics import (
     COS,
@@ -42,21 +38,7 @@ from plant_sim.bodies.kinematics import (
     TILT_RATE,
     of_axle,
 )
-from plant_sim.bodies.parameters import (
-    P_AXIS_HEIGHT,
-    P_CORNERING_SLOPE,
-    P_CURVATURE,
-    P_FRICTION,
-    P_FRICTION_SLOPE,
-    P_RADIUS,
-    P_RELAXATION,
-    P_ROLLING,
-    P_SHAPE,
-    P_SLIP_STIFFNESS,
-    P_SPIN_INERTIA,
-    P_TYRE_DAMPING,
-    P_TYRE_STIFFNESS,
-)
+from plant_sim.bodies.parameters import Car
 from plant_sim.kernels.jit import inlined, stack_vector
 
 SLOWEST = 4.0
@@ -74,7 +56,7 @@ LOAD, LONGITUDINAL, LATERAL, COUPLE, FORWARD, LEFT, GAP, SHAFT, SPIN_RATE, SLIP_
 N_CONTACT = 40
 
 # Scratch, four each: places of the hub from P's foot (z: from P) and of the contact from the hub,
-# wheel axis, angular velocity of the axle, and what the tyre forces take.
+# wheel axis, angular velocity of the axle, slip ratio, forces and moment of the tyre.
 (
     X,
     Y,
@@ -88,10 +70,10 @@ N_CONTACT = 40
     TURN_X,
     TURN_Z,
     LONGER,
-    ALONG,
-    LINEAR_X,
-    LINEAR_Y,
-    SLIP,
+    SLIP_RATIO,
+    AHEAD,
+    ASIDE,
+    ALIGNING,
 ) = range(0, 64, 4)
 _scratch = stack_vector(64)
 
@@ -109,7 +91,7 @@ def _touch(  # noqa: PLR0917
     spins: Vector,
     slips: Vector,
     held: Vector,
-    p: Vector,
+    car: Car,
     motion: Vector,
     scratch: Vector,
     contact: Vector,
@@ -117,12 +99,10 @@ def _touch(  # noqa: PLR0917
     """Fill places and speeds, loads and slips; P is ``height`` (m) above the plane."""
     c, s = motion[COS_PITCH], motion[SIN_PITCH]
     ox, oy, oz = motion[RATE], motion[RATE + 1], motion[RATE + 2]
-    radius, per_relaxation = p[P_RADIUS], 1.0 / p[P_RELAXATION]
-    friction = p[P_FRICTION] * held[ports.FRICTION]
     for wheel in range(4):
         c_tilt, s_tilt = of_axle(motion, COS, wheel), of_axle(motion, SIN, wheel)
         wx = ox + of_axle(motion, TILT_RATE, wheel)
-        x, y, z = held[DISTANCE + wheel], motion[HUB_Y + wheel], motion[HUB_Z + wheel]
+        x, y, z = car.distance[wheel], motion[HUB_Y + wheel], motion[HUB_Z + wheel]
         vx, vy, vz = motion[HUB_VX + wheel], motion[HUB_VY + wheel], motion[HUB_VZ + wheel]
         ex, ez = -held[STEER_SIN + wheel], held[STEER_COS + wheel] * s_tilt
         ey = held[STEER_COS + wheel] * c_tilt
@@ -141,19 +121,15 @@ def _touch(  # noqa: PLR0917
         dx, dy, dz = lean * ex, lean * ey, -above
         vx, vy, vz = vx + ry * dz - rz * dy, vy + rz * dx - rx * dz, vz + rx * dy - ry * dx
 
-        compressed = held[UNLOADED + wheel] - above * longer
+        compressed = car.unloaded_radius[wheel] - above * longer
         load = longer * normal_force(
-            p[P_TYRE_STIFFNESS], p[P_TYRE_DAMPING], compressed, vz * longer
+            car.stiffness[wheel], car.damping[wheel], compressed, vz * longer
         )
         along, across = (vx * ey - vy * ex) * longer, (vx * ex + vy * ey) * longer
         reference = max(abs(along), SLOWEST)
-        ratio = load * held[PER_STATIC + wheel]
-        linear_x = p[P_SLIP_STIFFNESS] * ratio * (spins[wheel] * radius - along) / reference
-        linear_y = held[CORNERING + wheel] * ratio * tyre.falling(ratio, p[P_CORNERING_SLOPE])
-        linear_y *= slips[wheel]
-        grip = friction * tyre.falling(ratio, p[P_FRICTION_SLOPE])
-        scratch[SLIP + wheel] = tyre.resultant(linear_x, linear_y, grip * load)
-        rolling = max(abs(along), SLOWEST_ROLLING) * per_relaxation
+        slip_speed = spins[wheel] * car.radius[wheel] - along
+        scratch[SLIP_RATIO + wheel] = slip_speed / reference
+        rolling = max(abs(along), SLOWEST_ROLLING) * car.per_relaxation[wheel]
         contact[SLIP_RATE + wheel] = rolling * (-across / reference - slips[wheel])
         contact[LOAD + wheel], contact[GAP + wheel] = load, max(-compressed, 0.0)
         scratch[X + wheel], scratch[Y + wheel], scratch[Z + wheel] = x, y, z
@@ -161,14 +137,13 @@ def _touch(  # noqa: PLR0917
         scratch[AXIS_X + wheel], scratch[AXIS_Y + wheel], scratch[AXIS_Z + wheel] = ex, ey, ez
         scratch[TURN_X + wheel], scratch[TURN_Z + wheel] = wx, wz
         scratch[LONGER + wheel] = longer
-        scratch[LINEAR_X + wheel], scratch[LINEAR_Y + wheel] = linear_x, linear_y
 
 
 @inlined
 def _push(  # noqa: PLR0917
     spins: Vector,
     held: Vector,
-    p: Vector,
+    car: Car,
     motion: Vector,
     scratch: Vector,
     forces: Vector,
@@ -176,13 +151,13 @@ def _push(  # noqa: PLR0917
 ) -> None:
     """Add forces and moments on the axle, from the tyres and the spinning wheels."""
     c, s, oy = motion[COS_PITCH], motion[SIN_PITCH], motion[RATE + 1]
-    radius, inertia, per_inertia = p[P_RADIUS], p[P_SPIN_INERTIA], 1.0 / p[P_SPIN_INERTIA]
     for wheel in range(4):
-        share, load, spin = scratch[SLIP + wheel], contact[LOAD + wheel], spins[wheel]
-        ahead, aside = share * scratch[LINEAR_X + wheel], share * scratch[LINEAR_Y + wheel]
+        radius, inertia = car.radius[wheel], car.spin_inertia[wheel]
+        load, spin = contact[LOAD + wheel], spins[wheel]
+        ahead, aside = scratch[AHEAD + wheel], scratch[ASIDE + wheel]
         # no step at standstill
         towards = spin / max(abs(spin), 1.0)
-        resistance = p[P_ROLLING] * load * towards
+        resistance = car.rolling_resistance[wheel] * load * towards
         torque = (held[DRIVE + wheel] - held[ports.BRAKE_FORCE + wheel] * towards) * radius
         rolled = (ahead + resistance) * radius
         ex, ey, ez = scratch[AXIS_X + wheel], scratch[AXIS_Y + wheel], scratch[AXIS_Z + wheel]
@@ -191,6 +166,7 @@ def _push(  # noqa: PLR0917
         wx, wz, longer = scratch[TURN_X + wheel], scratch[TURN_Z + wheel], scratch[LONGER + wheel]
         fx, fy = (ahead * ey + aside * ex) * longer, (aside * ey - ahead * ex) * longer
         mx, my, mz = dy * load - dz * fy, dz * fx - dx * load, dx * fy - dy * fx
+        mz += scratch[ALIGNING + wheel]
         about = ex * mx + ey * my + ez * mz
         # the wheel turns freely but for the shaft's torque; as a gyrostat it resists
         free, spun = about + torque, inertia * spin
@@ -207,7 +183,7 @@ def _push(  # noqa: PLR0917
         contact[LONGITUDINAL + wheel], contact[LATERAL + wheel] = ahead, aside
         contact[FORWARD + wheel], contact[LEFT + wheel] = fx, fy
         contact[COUPLE + wheel], contact[SHAFT + wheel] = -rolled - about, torque
-        contact[SPIN_RATE + wheel] = (torque - rolled) * per_inertia
+        contact[SPIN_RATE + wheel] = (torque - rolled) / inertia
 
 
 @inlined
@@ -216,15 +192,24 @@ def road_forces(  # noqa: PLR0917
     spins: Vector,
     slips: Vector,
     held: Vector,
-    p: Vector,
+    car: Car,
     motion: Vector,
     forces: Vector,
     contact: Vector,
 ) -> None:
     """Add the road's ``forces`` on both axles and fill the ``contact`` of the wheels."""
     scratch = _scratch()
-    height = p[P_AXIS_HEIGHT] + heave
-    _touch(height, spins, slips, held, p, motion, scratch, contact)
+    height, friction = car.axis_height + heave, held[ports.FRICTION]
+    _touch(height, spins, slips, held, car, motion, scratch, contact)
     for wheel in range(4):
-        scratch[SLIP + wheel] = tyre.share(scratch[SLIP + wheel], p[P_SHAPE], p[P_CURVATURE])
-    _push(spins, held, p, motion, scratch, forces, contact)
+        ahead, aside, aligning = tyre.forces(
+            car.axle[wheel // 2],
+            contact[LOAD + wheel],
+            scratch[SLIP_RATIO + wheel],
+            slips[wheel],
+            scratch[AXIS_Z + wheel],
+            friction,
+        )
+        scratch[AHEAD + wheel], scratch[ASIDE + wheel] = ahead, aside
+        scratch[ALIGNING + wheel] = aligning
+    _push(spins, held, car, motion, scratch, forces, contact)

@@ -18,8 +18,8 @@ such slots: compilers make vector code of that, four wheels at the cost of one.
 from math import cos, sin
 
 from canroll.typing import Vector
-from plant_sim.bodies.held import DISTANCE, SIDE, TURN, UP
-from plant_sim.bodies.parameters import P_AXIS_HEIGHT, P_RADIUS, P_ROLL_CENTRE, P_UNSPRUNG
+from plant_sim.bodies.held import TURN, UP
+from plant_sim.bodies.parameters import Car
 from plant_sim.kernels.jit import inlined
 from vehicles import GRAVITY
 
@@ -73,7 +73,7 @@ def place(  # noqa: PLR0917
     rates: Vector,
     slides: Vector,
     held: Vector,
-    p: Vector,
+    car: Car,
     motion: Vector,
     forces: Vector,
 ) -> None:
@@ -102,12 +102,10 @@ def place(  # noqa: PLR0917
     for axle in range(2):
         tilted = roll + slides[4 * axle + 1]
         motion[COS + axle], motion[SIN + axle] = cos(tilted), sin(tilted)
-        up = p[P_AXIS_HEIGHT] - p[P_ROLL_CENTRE + axle] - slides[4 * axle]
+        up = car.axis_height - car.axle[axle].roll_centre - slides[4 * axle]
         motion[CENTRE_Y + axle], motion[CENTRE_Z + axle] = up * s_roll, -up * c_roll
         motion[SLIDE_RATE + axle] = slides[4 * axle + 2]
         motion[TILT_RATE + axle] = roll_rate + slides[4 * axle + 3]
-    front_mass, rear_mass = 0.5 * p[P_UNSPRUNG], 0.5 * p[P_UNSPRUNG + 1]
-    front_up, rear_up = p[P_RADIUS] - p[P_ROLL_CENTRE], p[P_RADIUS] - p[P_ROLL_CENTRE + 1]
     for wheel in range(4):
         c_tilt, s_tilt = of_axle(motion, COS, wheel), of_axle(motion, SIN, wheel)
         centre_y, centre_z = of_axle(motion, CENTRE_Y, wheel), of_axle(motion, CENTRE_Z, wheel)
@@ -115,9 +113,9 @@ def place(  # noqa: PLR0917
             of_axle(motion, SLIDE_RATE, wheel),
             of_axle(motion, TILT_RATE, wheel),
         )
-        up, side = front_up if wheel < 2 else rear_up, held[SIDE + wheel]
+        up, side = car.hub_up[wheel], car.side[wheel]
         arm_y, arm_z = side * c_tilt - up * s_tilt, side * s_tilt + up * c_tilt
-        x, y, z = held[DISTANCE + wheel], centre_y + arm_y, centre_z + arm_z
+        x, y, z = car.distance[wheel], centre_y + arm_y, centre_z + arm_z
         moved_y = -centre_z * roll_rate - s_roll * slide_rate - arm_z * tilt_rate
         moved_z = centre_y * roll_rate + c_roll * slide_rate + arm_y * tilt_rate
         motion[HUB_Y + wheel], motion[HUB_Z + wheel] = y, z
@@ -130,7 +128,7 @@ def place(  # noqa: PLR0917
         coriolis = 2.0 * slide_rate * roll_rate
         fy += rolling * centre_y + coriolis * c_roll + tilting * arm_y
         fz += rolling * centre_z + coriolis * s_roll + tilting * arm_z
-        mass = front_mass if wheel < 2 else rear_mass
+        mass = car.hub_mass[wheel]
         fx, fy, fz = mass * fx, mass * fy, mass * fz
         forces[FORCE_X + wheel], forces[FORCE_Y + wheel], forces[FORCE_Z + wheel] = fx, fy, fz
         forces[MOMENT_X + wheel] = y * fz - z * fy

@@ -11,7 +11,6 @@ can be at it while it waits for those.
 """
 
 from canroll.typing import Vector
-from plant_sim.bodies.held import DISTANCE
 from plant_sim.bodies.kinematics import (
     ARM_Y,
     ARM_Z,
@@ -21,15 +20,7 @@ from plant_sim.bodies.kinematics import (
     PER_YAW,
     SIN_ROLL,
 )
-from plant_sim.bodies.parameters import (
-    P_ARM,
-    P_MASS,
-    P_PITCH_INERTIA,
-    P_ROLL_INERTIA,
-    P_SPRUNG,
-    P_UNSPRUNG,
-    P_YAW_INERTIA,
-)
+from plant_sim.bodies.parameters import Car
 from plant_sim.kernels.jit import inlined, stack_vector
 
 # The base's unknowns: A (3), then these q'' of the body.
@@ -81,13 +72,13 @@ def of_pair(hubs: Vector, slot: int, axle: int) -> float:
 
 
 @inlined
-def _base(motion: Vector, p: Vector, hubs: Vector, factors: Vector) -> None:
+def _base(motion: Vector, car: Car, hubs: Vector, factors: Vector) -> None:
     """Fill the lower triangle for A and the body's own motion, all masses on it."""
     c_roll, s_roll = motion[COS_ROLL], motion[SIN_ROLL]
     tx, ty, tz = motion[PER_YAW], motion[PER_YAW + 1], motion[PER_YAW + 2]
-    mass, y, z = p[P_SPRUNG], -p[P_ARM] * s_roll, p[P_ARM] * c_roll
-    jx = p[P_ROLL_INERTIA]
-    jyy, jyz, jzz = inertia(motion, p)
+    mass, y, z = car.sprung_mass, -car.arm * s_roll, car.arm * c_roll
+    jx = car.roll_inertia
+    jyy, jyz, jzz = inertia(motion, car)
     turn_y, turn_z = jyy * ty + jyz * tz, jyz * ty + jzz * tz
     yaw_x, yaw_y, yaw_z = ty * z - tz * y, -tx * z, tx * y
     my, mz = mass * y, mass * z
@@ -95,7 +86,7 @@ def _base(motion: Vector, p: Vector, hubs: Vector, factors: Vector) -> None:
     for k in range(BASE * BASE):
         factors[MATRIX + k] = 0.0
     for k in range(3):
-        factors[MATRIX + BASE * k + k] = p[P_MASS]
+        factors[MATRIX + BASE * k + k] = car.mass
     row = MATRIX + BASE * PITCH
     factors[row], factors[row + 2] = sum_z, -sum_x
     factors[row + PITCH] = jyy + mz * z + of_all(hubs, PITCH_PITCH)
@@ -115,10 +106,10 @@ def _base(motion: Vector, p: Vector, hubs: Vector, factors: Vector) -> None:
 
 
 @inlined
-def inertia(motion: Vector, p: Vector) -> tuple[float, float, float]:
+def inertia(motion: Vector, car: Car) -> tuple[float, float, float]:
     """yy, yz and zz of the sprung body's inertia about its CG, in the pitched frame."""
     c_roll, s_roll = motion[COS_ROLL], motion[SIN_ROLL]
-    pitch, yaw = p[P_PITCH_INERTIA], p[P_YAW_INERTIA]
+    pitch, yaw = car.pitch_inertia, car.yaw_inertia
     return (
         pitch * c_roll * c_roll + yaw * s_roll * s_roll,
         (pitch - yaw) * s_roll * c_roll,
@@ -127,11 +118,11 @@ def inertia(motion: Vector, p: Vector) -> tuple[float, float, float]:
 
 
 @inlined
-def _eliminate(motion: Vector, p: Vector, hubs: Vector, factors: Vector) -> None:
+def _eliminate(motion: Vector, car: Car, hubs: Vector, factors: Vector) -> None:
     """Fill the axles' part and take their unknowns out of the base's; factor what is left."""
     c_roll, s_roll = motion[COS_ROLL], motion[SIN_ROLL]
     for axle in range(2):
-        slide, tilt, mass = ON_SLIDE + BASE * axle, ON_TILT + BASE * axle, p[P_UNSPRUNG + axle]
+        slide, tilt, mass = ON_SLIDE + BASE * axle, ON_TILT + BASE * axle, car.axle[axle].unsprung
         factors[slide + 1], factors[slide + 2] = -mass * s_roll, mass * c_roll
         factors[slide + PITCH] = -of_pair(hubs, X, axle) * c_roll
         factors[slide + YAW] = of_pair(hubs, SLIDE_YAW, axle)
@@ -167,15 +158,14 @@ def _eliminate(motion: Vector, p: Vector, hubs: Vector, factors: Vector) -> None
 
 
 @inlined
-def factor(motion: Vector, held: Vector, p: Vector, factors: Vector) -> None:
+def factor(motion: Vector, car: Car, factors: Vector) -> None:
     """Fill the ``factors`` (N_FACTORS) of the mass matrix."""
     hubs = _hubs()
     c_roll, s_roll = motion[COS_ROLL], motion[SIN_ROLL]
     tx, ty, tz = motion[PER_YAW], motion[PER_YAW + 1], motion[PER_YAW + 2]
-    front, rear = 0.5 * p[P_UNSPRUNG], 0.5 * p[P_UNSPRUNG + 1]
     for wheel in range(4):
-        mass = front if wheel < 2 else rear
-        x, y, z = held[DISTANCE + wheel], motion[HUB_Y + wheel], motion[HUB_Z + wheel]
+        mass = car.hub_mass[wheel]
+        x, y, z = car.distance[wheel], motion[HUB_Y + wheel], motion[HUB_Z + wheel]
         arm_y, arm_z = motion[ARM_Y + wheel], motion[ARM_Z + wheel]
         yaw_x, yaw_y, yaw_z = ty * z - tz * y, tz * x - tx * z, tx * y - ty * x
         mx, my, mz = mass * x, mass * y, mass * z
@@ -197,8 +187,8 @@ def factor(motion: Vector, held: Vector, p: Vector, factors: Vector) -> None:
         hubs[TILT_YAW + wheel] = tilt_y * yaw_y + tilt_z * yaw_z
         hubs[TILT_ROLL + wheel] = tilt_z * y - tilt_y * z
         hubs[TILT_TILT + wheel] = tilt_z * arm_y - tilt_y * arm_z
-    _base(motion, p, hubs, factors)
-    _eliminate(motion, p, hubs, factors)
+    _base(motion, car, hubs, factors)
+    _eliminate(motion, car, hubs, factors)
 
 
 @inlined

@@ -34,24 +34,7 @@ from plant_sim.bodies.held import N_HELD, TURN, UP, hold
 from plant_sim.bodies.integrate import rk4
 from plant_sim.bodies.kinematics import N_FORCES, N_MOTION, SLIDE, TILT, place
 from plant_sim.bodies.mass_matrix import N_FACTORS, factor
-from plant_sim.bodies.parameters import (
-    P_ARM,
-    P_AXIS_HEIGHT,
-    P_BAR,
-    P_BUMP,
-    P_BUMP_CLEARANCE,
-    P_HIGH_SPEED,
-    P_KNEE,
-    P_MASS,
-    P_OFFSET,
-    P_PRELOAD,
-    P_REBOUND,
-    P_REBOUND_CLEARANCE,
-    P_SPRING,
-    P_STOP_RATE,
-    P_TRACK,
-    build_parameters,
-)
+from plant_sim.bodies.parameters import CAR, AxleRecord, Car, build_parameters, car_of
 from plant_sim.bodies.ports import ROLLOVER_ANGLE, Body
 from plant_sim.bodies.rigid_car import (
     BODY_ACC,
@@ -91,84 +74,81 @@ _accelerations = stack_vector(N_ACCELERATIONS)
 def build(vehicle: Vehicle, speed: float) -> tuple[Vector, Vector]:
     """State on a flat straight road at ``speed`` (m/s), wheels rolling, and the parameters."""
     state, parameters = np.zeros(N_STATES), build_parameters(vehicle)
-    state[X], state[VX] = parameters[P_OFFSET], speed
-    state[SPIN : SPIN + 4] = speed / vehicle.tyre.radius
+    car = parameters.view(CAR)[0]
+    state[X], state[VX] = car["offset"], speed
+    state[SPIN : SPIN + 4] = speed / car["radius"]
     return state, parameters
 
 
 @inlined
-def damper(rate: float, bump: float, rebound: float, knee: float, ratio: float) -> float:
+def damper(axle: AxleRecord, rate: float) -> float:
     """Force (N) of a bilinear damper against its stroke ``rate`` (m/s, extension > 0)."""
-    slope = rebound if rate > 0.0 else bump
-    fast = max(abs(rate) - knee, 0.0)
-    size = slope * (min(abs(rate), knee) + ratio * fast)
+    slope = axle.rebound if rate > 0.0 else axle.bump
+    fast = max(abs(rate) - axle.knee_speed, 0.0)
+    size: float = slope * (min(abs(rate), axle.knee_speed) + axle.high_speed_ratio * fast)
     return size if rate > 0.0 else -size
 
 
 @inlined
-def stop(travel: float, bump: float, rebound: float, rate: float) -> float:
+def stop(axle: AxleRecord, travel: float) -> float:
     """Force (N) on the body, upwards, of quadratic stops beyond the clearances (m)."""
-    if travel > rebound:
-        return -rate * (travel - rebound) ** 2
-    if travel < -bump:
-        return rate * (travel + bump) ** 2
-    return 0.0
+    force = 0.0
+    if travel > axle.rebound_clearance:
+        force = -axle.stop_rate * (travel - axle.rebound_clearance) ** 2
+    if travel < -axle.bump_clearance:
+        force = axle.stop_rate * (travel + axle.bump_clearance) ** 2
+    return force
 
 
 @inlined
-def _suspension(state: Vector, held: Vector, p: Vector, results: Vector, forces: Vector) -> None:
+def _suspension(state: Vector, held: Vector, car: Car, results: Vector, forces: Vector) -> None:
     """Fill the forces between body and wheels, along the travel; > 0 pushes them apart."""
-    knee, ratio = p[P_KNEE], p[P_HIGH_SPEED]
-    bump_clearance, rebound_clearance = p[P_BUMP_CLEARANCE], p[P_REBOUND_CLEARANCE]
-    for axle in range(2):
-        first, track, spring = 2 * axle, p[P_TRACK + axle], p[P_SPRING + axle]
+    for k in range(2):
+        axle, first = car.axle[k], 2 * k
         left, right = state[TRAVEL + first], state[TRAVEL + first + 1]
-        bar = held[ports.BAR_MOMENT_FRONT + axle] - p[P_BAR + axle] * (left - right) / (2.0 * track)
-        bar = bar / (2.0 * track)
+        bar = held[ports.BAR_MOMENT_FRONT + k] * axle.per_track - axle.bar * (left - right)
         for side in range(2):
             wheel = first + side
             travel = left if side == 0 else right
-            force = p[P_PRELOAD + axle] - spring * travel
-            force -= damper(
-                state[TRAVEL_RATE + wheel], p[P_BUMP + axle], p[P_REBOUND + axle], knee, ratio
-            )
-            force += stop(travel, bump_clearance, rebound_clearance, p[P_STOP_RATE])
+            force = axle.preload - axle.spring * travel
+            force -= damper(axle, state[TRAVEL_RATE + wheel])
+            force += stop(axle, travel)
             force += bar if side == 0 else -bar
             results[R_CORNER + wheel] = force + held[ports.CORNER_FORCE + wheel]
         a, b = results[R_CORNER + first], results[R_CORNER + first + 1]
-        forces[SLIDE + axle] = -(a + b)
-        forces[TILT + axle] = -track * (a - b)
+        forces[SLIDE + k] = -(a + b)
+        forces[TILT + k] = -axle.half_track * (a - b)
 
 
 @inlined
-def _evaluate(state: Vector, held: Vector, p: Vector, rate: Vector, results: Vector) -> None:
+def _evaluate(state: Vector, held: Vector, car: Car, rate: Vector, results: Vector) -> None:
     motion, slides, factors = _motion(), _slides(), _factors()
     forces, accelerations = _forces(), _accelerations()
     for axle in range(2):
-        left, right, track = TRAVEL + 2 * axle, TRAVEL + 2 * axle + 1, p[P_TRACK + axle]
+        left, right, per_track = TRAVEL + 2 * axle, TRAVEL + 2 * axle + 1, car.axle[axle].per_track
         for n in range(2):
             a, b = state[left + 4 * n], state[right + 4 * n]
             slides[4 * axle + 2 * n] = -0.5 * (a + b)
-            slides[4 * axle + 2 * n + 1] = -0.5 * (a - b) / track
-    place(state[PITCH], state[ROLL], state[VX:HEAVE], slides, held, p, motion, forces)
-    factor(motion, held, p, factors)
-    _suspension(state, held, p, results, forces)
+            slides[4 * axle + 2 * n + 1] = -(a - b) * per_track
+    place(state[PITCH], state[ROLL], state[VX:HEAVE], slides, held, car, motion, forces)
+    factor(motion, car, factors)
+    _suspension(state, held, car, results, forces)
     road_forces(
         state[HEAVE],
         state[SPIN : SPIN + 4],
         state[SLIP : SLIP + 4],
         held,
-        p,
+        car,
         motion,
         forces,
         results,
     )
-    accelerate(motion, forces, factors, p, accelerations)
+    accelerate(motion, forces, factors, car, accelerations)
 
     # the heading frame turns, on a sloping road about its plane's axes as well
     yaw_rate, vx, vy, vz = state[YAW_RATE], state[VX], state[VY], state[HEAVE_RATE]
     turn_x, turn_y = yaw_rate * held[TURN], yaw_rate * held[TURN + 1]
-    height = p[P_AXIS_HEIGHT] + state[HEAVE]
+    height = car.axis_height + state[HEAVE]
     c_yaw, s_yaw = cos(state[YAW]), sin(state[YAW])
     foot_x, foot_y = vx - turn_y * height, vy + turn_x * height
     rate[X] = foot_x * c_yaw - foot_y * s_yaw
@@ -182,7 +162,7 @@ def _evaluate(state: Vector, held: Vector, p: Vector, rate: Vector, results: Vec
     rate[HEAVE], rate[ROLL], rate[PITCH] = vz, state[ROLL_RATE], state[PITCH_RATE]
     for wheel in range(4):
         axle = wheel // 2
-        track = p[P_TRACK + axle] if wheel % 2 == 0 else -p[P_TRACK + axle]
+        track = car.side[wheel]
         slide, tilt = accelerations[SLIDE_Q + axle], accelerations[TILT_Q + axle]
         rate[TRAVEL + wheel] = state[TRAVEL_RATE + wheel]
         rate[TRAVEL_RATE + wheel] = -(slide + track * tilt)
@@ -190,7 +170,7 @@ def _evaluate(state: Vector, held: Vector, p: Vector, rate: Vector, results: Vec
         rate[SLIP + wheel] = results[SLIP_RATE + wheel]
     rate[LIFTED_TIME] = 0.0
     rate[ROLLED_OVER] = 0.0
-    share = 1.0 / p[P_MASS]
+    share = 1.0 / car.mass
     for n in range(2):
         k = FORWARD + 4 * n
         pushed = results[k] + results[k + 1] + results[k + 2] + results[k + 3]
@@ -202,9 +182,9 @@ def _evaluate(state: Vector, held: Vector, p: Vector, rate: Vector, results: Vec
 @njit
 def evaluate(state: Vector, inputs: Vector, p: Vector, rate: Vector, results: Vector) -> None:
     """Fill ``rate`` with the time derivative of ``state``, and the algebraic ``results``."""
-    held, own = _held(), _results()
-    hold(inputs, p, held)
-    _evaluate(state, held, p, rate, own)
+    held, own, car = _held(), _results(), car_of(p)
+    hold(inputs, car, held)
+    _evaluate(state, held, car, rate, own)
     for k in range(N_RESULTS):
         results[k] = own[k]
 
@@ -217,23 +197,23 @@ def derivative(state: Vector, inputs: Vector, parameters: Vector, rate: Vector) 
 
 @njit
 def _held_derivative(state: Vector, held: Vector, parameters: Vector, rate: Vector) -> None:
-    _evaluate(borrowed(state), borrowed(held), borrowed(parameters), borrowed(rate), _results())
+    _evaluate(borrowed(state), borrowed(held), car_of(parameters), borrowed(rate), _results())
 
 
 @njit
 def _observe(state: Vector, inputs: Vector, p: Vector, outputs: Vector, dt: float) -> None:
-    held = _held()
-    hold(inputs, p, held)
-    _fill(state, held, p, outputs, dt)
+    held, car = _held(), car_of(p)
+    hold(inputs, car, held)
+    _fill(state, held, car, outputs, dt)
 
 
 @njit
-def _fill(state: Vector, held: Vector, p: Vector, outputs: Vector, dt: float) -> None:
-    state, held, p, outputs = borrowed(state), borrowed(held), borrowed(p), borrowed(outputs)
+def _fill(state: Vector, held: Vector, car: Car, outputs: Vector, dt: float) -> None:
+    state, held, outputs = borrowed(state), borrowed(held), borrowed(outputs)
     rate, results = _rates(), _results()
-    _evaluate(state, held, p, rate, results)
+    _evaluate(state, held, car, rate, results)
     c_yaw, s_yaw = cos(state[YAW]), sin(state[YAW])
-    yaw_rate, offset, arm = state[YAW_RATE], p[P_OFFSET], p[P_ARM]
+    yaw_rate, offset, arm = state[YAW_RATE], car.offset, car.arm
     outputs[ports.X] = state[X] - offset * c_yaw
     outputs[ports.Y] = state[Y] - offset * s_yaw
     outputs[ports.YAW] = state[YAW]
@@ -284,10 +264,10 @@ _advance = rk4(_held_derivative)
 def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt: float) -> None:
     """Advance ``state`` by ``dt`` (s) and fill ``outputs``; a car that rolled over stays so."""
     if state[ROLLED_OVER] == 0.0:
-        held = _held()
-        hold(borrowed(inputs), borrowed(parameters), held)
+        held, car = _held(), car_of(parameters)
+        hold(borrowed(inputs), car, held)
         _advance(borrowed(state), held, borrowed(parameters), dt)
-        _fill(state, held, parameters, outputs, dt)
+        _fill(state, held, car, outputs, dt)
 
 
 BODY = Body("nonlinear", step, build)

@@ -1,125 +1,127 @@
-"""Parameters of the 14-DOF car."""
+"""Parameters of the 14-DOF car: a record that its kernels read by name."""
+
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from canroll.errors import CanrollError
 from canroll.typing import Vector
+from plant_sim.bodies import tyre
+from plant_sim.kernels.jit import record_of
 from vehicles import GRAVITY, Vehicle
-from vehicles.roll_stiffness import axle_roll_shares, suspension_roll_stiffness
+from vehicles.axles import Axle, axles
+from vehicles.roll_stiffness import suspension_roll_stiffness
 
-# Slots of the parameter vector; those from P_DISTANCE on name the first of two axles.
-(
-    P_MASS,
-    P_SPRUNG,
-    P_OFFSET,
-    P_ARM,
-    P_AXIS_HEIGHT,
-    P_ROLL_INERTIA,
-    P_PITCH_INERTIA,
-    P_YAW_INERTIA,
-    P_TYRE_STIFFNESS,
-    P_TYRE_DAMPING,
-    P_RADIUS,
-    P_SPIN_INERTIA,
-    P_ROLLING,
-    P_FRICTION,
-    P_FRICTION_SLOPE,
-    P_CORNERING_SLOPE,
-    P_SLIP_STIFFNESS,
-    P_SHAPE,
-    P_CURVATURE,
-    P_RELAXATION,
-    P_KNEE,
-    P_HIGH_SPEED,
-    P_BUMP_CLEARANCE,
-    P_REBOUND_CLEARANCE,
-    P_STOP_RATE,
-) = range(25)
-(
-    P_DISTANCE,
-    P_TRACK,
-    P_UNSPRUNG,
-    P_STATIC,
-    P_UNLOADED,
-    P_PRELOAD,
-    P_ROLL_CENTRE,
-    P_SPRING,
-    P_BAR,
-    P_BUMP,
-    P_REBOUND,
-    P_CORNERING,
-) = range(25, 49, 2)
-N_PARAMETERS = 49
+Car: TypeAlias = Any
+AxleRecord: TypeAlias = Any
+"""Records of :data:`CAR` and :data:`AXLE` in a kernel."""
+
+
+def _numbers(*names: str) -> list[tuple[str, str]]:
+    return [(name, "f8") for name in names]
+
+
+AXLE = np.dtype(
+    [
+        *_numbers("half_track", "per_track", "roll_centre", "unsprung", "preload", "spring", "bar"),
+        *_numbers("bump", "rebound", "knee_speed", "high_speed_ratio"),
+        *_numbers("bump_clearance", "rebound_clearance", "stop_rate"),
+        ("tyre_model", "f8"),
+        ("tyre", "f8", (tyre.ROOM,)),
+    ]
+)
+"""An axle: ``per_track`` is 1/2t, ``unsprung`` mass of both wheels; then of one wheel.
+
+``bar`` is the force on a wheel per difference of the travels.
+``preload`` is the suspension's force at rest, ``bump`` and ``rebound`` the slopes of the damper.
+"""
+WHEEL = (
+    *("distance", "side", "hub_mass", "hub_up", "load", "radius", "unloaded_radius"),
+    *("stiffness", "damping", "spin_inertia", "rolling_resistance", "per_relaxation"),
+)
+"""Numbers of the four wheels, side by side.
+
+Place ahead of the sprung CG and left of the middle; mass on the hub, its height above the roll
+centre; load at rest; of the tyre the radius, radially stiffness and damping, the inverse relaxation
+length.
+"""
+CAR = np.dtype(
+    [
+        *_numbers("mass", "sprung_mass", "offset", "arm", "axis_height"),
+        *_numbers("roll_inertia", "pitch_inertia", "yaw_inertia"),
+        ("axle", AXLE, (2,)),
+        *((name, "f8", (4,)) for name in WHEEL),
+    ]
+)
+"""The car: inertias of the sprung body about its own CG, ``offset`` of this ahead of the car's."""
+
+car_of = record_of(CAR)
+"""In a kernel: the record that a parameter vector is."""
 
 
 def build_parameters(vehicle: Vehicle) -> Vector:
-    """Fill the parameter vector of the 14-DOF car.
+    """The parameter vector of the 14-DOF car, a :data:`CAR`.
 
-    Inertias are the sprung body's about its own CG; ``P_OFFSET`` is its CG ahead of the whole
-    car's; ``P_DISTANCE`` that of an axle ahead of the sprung CG. ``P_UNSPRUNG`` is an axle's mass,
-    ``P_STATIC`` the load of a wheel, ``P_PRELOAD`` of its suspension, ``P_UNLOADED`` the radius of
-    its tyre without load.
+    Raises:
+        CanrollError: springs stiffer than the car in roll.
     """
-    geometry, plant, mass = vehicle.geometry, vehicle.plant, vehicle.mass
-    suspension, tyre = vehicle.suspension, vehicle.tyre
-    p = np.zeros(N_PARAMETERS)
-    p[P_MASS] = vehicle.total_mass
-    p[P_SPRUNG] = plant.sprung_mass
-    p[P_OFFSET] = vehicle.sprung_cg_offset
-    p[P_ARM] = plant.cg_height_above_roll_axis
-    p[P_AXIS_HEIGHT] = vehicle.roll_axis_height
-    p[P_ROLL_INERTIA] = plant.inertia_about_cg
-    p[P_PITCH_INERTIA] = mass.pitch_inertia
-    p[P_YAW_INERTIA] = vehicle.sprung_yaw_inertia
-    p[P_TYRE_STIFFNESS] = tyre.vertical_stiffness
-    p[P_TYRE_DAMPING] = tyre.vertical_damping
-    p[P_RADIUS] = tyre.radius
-    p[P_SPIN_INERTIA] = tyre.wheel_inertia
-    p[P_ROLLING] = tyre.rolling_resistance
-    p[P_FRICTION] = tyre.friction
-    p[P_FRICTION_SLOPE] = tyre.friction_load_slope
-    p[P_CORNERING_SLOPE] = tyre.cornering_load_slope
-    p[P_SLIP_STIFFNESS] = tyre.longitudinal_stiffness
-    p[P_SHAPE] = tyre.shape
-    p[P_CURVATURE] = tyre.curvature
-    p[P_RELAXATION] = tyre.relaxation_length
-    p[P_KNEE] = suspension.knee_speed
-    p[P_HIGH_SPEED] = suspension.high_speed_ratio
-    p[P_BUMP_CLEARANCE] = suspension.bump_clearance
-    p[P_REBOUND_CLEARANCE] = suspension.rebound_clearance
-    p[P_STOP_RATE] = suspension.bump_stop_rate
+    plant, record = vehicle.plant, np.zeros(1, CAR)
+    car = record[0]
+    car["mass"] = vehicle.total_mass
+    car["sprung_mass"] = plant.sprung_mass
+    car["offset"] = vehicle.sprung_cg_offset
+    car["arm"] = plant.cg_height_above_roll_axis
+    car["axis_height"] = vehicle.roll_axis_height
+    car["roll_inertia"] = plant.inertia_about_cg
+    car["pitch_inertia"] = vehicle.mass.pitch_inertia
+    car["yaw_inertia"] = vehicle.sprung_yaw_inertia
+    for k, axle in enumerate(axles(vehicle)):
+        _fill_axle(car["axle"][k], axle, vehicle)
+        for side in range(2):
+            for name, value in _wheel(axle, vehicle).items():
+                car[name][2 * k + side] = value
+            car["side"][2 * k + side] *= 1.0 - 2.0 * side
+    return record.view(np.float64)
 
-    stiffness = suspension_roll_stiffness(vehicle)
-    damping_share = suspension.roll_damping_front_share
-    front, rear = geometry.cg_to_front_axle, geometry.cg_to_rear_axle
-    p[P_DISTANCE : P_DISTANCE + 2] = front - p[P_OFFSET], -rear - p[P_OFFSET]
-    p[P_TRACK : P_TRACK + 2] = geometry.half_track_front, geometry.half_track_rear
-    p[P_UNSPRUNG : P_UNSPRUNG + 2] = mass.unsprung_front, mass.unsprung_rear
-    weight = vehicle.total_mass * GRAVITY / (2 * geometry.wheelbase)
-    p[P_STATIC : P_STATIC + 2] = weight * rear, weight * front
-    p[P_ROLL_CENTRE : P_ROLL_CENTRE + 2] = (
-        geometry.roll_centre_height_front,
-        geometry.roll_centre_height_rear,
-    )
-    p[P_SPRING : P_SPRING + 2] = suspension.spring_rate_front, suspension.spring_rate_rear
-    p[P_CORNERING : P_CORNERING + 2] = (
-        tyre.cornering_stiffness_front / 2,
-        tyre.cornering_stiffness_rear / 2,
-    )
-    for axle, name in enumerate(("front", "rear")):
-        track = p[P_TRACK + axle]
-        p[P_PRELOAD + axle] = p[P_STATIC + axle] - 0.5 * p[P_UNSPRUNG + axle] * GRAVITY
-        p[P_UNLOADED + axle] = tyre.radius + p[P_STATIC + axle] / tyre.vertical_stiffness
-        bar = axle_roll_shares(vehicle)[axle] * stiffness - 2 * p[P_SPRING + axle] * track**2
-        if bar < 0:
-            raise CanrollError(
-                f"{vehicle.name}: suspension.spring_rate_{name} {p[P_SPRING + axle]:g} N/m gives "
-                f"more roll stiffness than the axle's share of plant.roll_stiffness; lower it by "
-                f"{-bar / (2 * track**2):.0f} N/m"
-            )
-        p[P_BAR + axle] = bar
-        share = damping_share if axle == 0 else 1.0 - damping_share
-        mean = share * plant.roll_damping / (2 * track**2)
-        p[P_BUMP + axle] = 2 * mean / (1 + suspension.rebound_bump_ratio)
-        p[P_REBOUND + axle] = 2 * mean - p[P_BUMP + axle]
-    return p
+
+def _fill_axle(record: Any, axle: Axle, vehicle: Vehicle) -> None:  # noqa: ANN401
+    suspension = vehicle.suspension
+    record["half_track"] = axle.half_track
+    record["roll_centre"] = axle.roll_centre
+    record["unsprung"] = axle.unsprung
+    record["preload"] = axle.wheel_load - 0.5 * axle.unsprung * GRAVITY
+    record["spring"] = axle.spring
+    record["per_track"] = 1.0 / (2 * axle.half_track)
+    bar = axle.bar(suspension_roll_stiffness(vehicle))
+    if bar < 0:
+        raise CanrollError(
+            f"{vehicle.name}: suspension.spring_rate_{axle.name} {axle.spring:g} N/m gives "
+            f"more roll stiffness than the axle's share of plant.roll_stiffness; lower it by "
+            f"{-bar / (2 * axle.half_track**2):.0f} N/m"
+        )
+    record["bar"] = bar * record["per_track"] ** 2
+    record["bump"] = 2 * axle.damping / (1 + suspension.rebound_bump_ratio)
+    record["rebound"] = 2 * axle.damping - record["bump"]
+    for name in ("knee_speed", "high_speed_ratio", "bump_clearance", "rebound_clearance"):
+        record[name] = getattr(suspension, name)
+    record["stop_rate"] = suspension.bump_stop_rate
+    tyre.fill(record, axle.tyre)
+
+
+def _wheel(axle: Axle, vehicle: Vehicle) -> dict[str, float]:
+    """The numbers of an axle's left wheel."""
+    data = vehicle.tyre
+    return {
+        "distance": axle.ahead - vehicle.sprung_cg_offset,
+        "side": axle.half_track,
+        "hub_mass": 0.5 * axle.unsprung,
+        "hub_up": data.radius - axle.roll_centre,
+        "load": axle.wheel_load,
+        "radius": data.radius,
+        "unloaded_radius": data.radius + axle.wheel_load / data.vertical_stiffness,
+        "stiffness": data.vertical_stiffness,
+        "damping": data.vertical_damping,
+        "spin_inertia": data.wheel_inertia,
+        "rolling_resistance": data.rolling_resistance,
+        "per_relaxation": 1.0 / data.relaxation_length,
+    }

@@ -41,7 +41,7 @@ from plant_sim.bodies.mass_matrix import (
     of_pair,
     substitute,
 )
-from plant_sim.bodies.parameters import P_ARM, P_ROLL_INERTIA, P_SPRUNG
+from plant_sim.bodies.parameters import Car
 from plant_sim.kernels.jit import inlined, stack_vector
 
 # Slots of the accelerations: of the sprung CG and of P (heading frame), of q.
@@ -53,7 +53,7 @@ _right, _axles = stack_vector(BASE), stack_vector(4)
 
 @inlined
 def accelerate(
-    motion: Vector, forces: Vector, factors: Vector, p: Vector, accelerations: Vector
+    motion: Vector, forces: Vector, factors: Vector, car: Car, accelerations: Vector
 ) -> None:
     """Fill the ``accelerations`` under the ``forces``, by the mass matrix's ``factors``."""
     right, axles = _right(), _axles()
@@ -63,13 +63,13 @@ def accelerate(
     tx, ty, tz = motion[PER_YAW], motion[PER_YAW + 1], motion[PER_YAW + 2]
 
     # sprung body: its CG, and its turning about that
-    mass, arm = p[P_SPRUNG], p[P_ARM]
+    mass, arm = car.sprung_mass, car.arm
     y, z = -arm * s_roll, arm * c_roll
     fx, fy, fz = bias(motion, 0.0, y, z, -z * roll_rate, y * roll_rate)
     bias_x, bias_y, bias_z = fx, fy + roll_rate * roll_rate * y, fz + roll_rate * roll_rate * z
     fx, fy, fz = mass * bias_x, mass * bias_y, mass * bias_z
-    jx = p[P_ROLL_INERTIA]
-    jyy, jyz, jzz = inertia(motion, p)
+    jx = car.roll_inertia
+    jyy, jyz, jzz = inertia(motion, car)
     wx, ax, ay = ox + roll_rate, motion[BIAS], roll_rate * oz
     az = motion[BIAS + 2] - roll_rate * oy
     hx, hy, hz = jx * wx, jyy * oy + jyz * oz, jyz * oy + jzz * oz

@@ -1,16 +1,17 @@
-"""Tyre forces: magic formula with similarity, load-sensitive grip and cornering stiffness.
+"""Forces of one tyre by the model of its axle; the models' data are in :mod:`vehicles.tyres`."""
 
-Both slips are scaled by their stiffness and by the grip, their resultant goes through one curve,
-and the force points along it (Pacejka, Tire and Vehicle Dynamics, section 4.2): at small slip the
-tyre is linear in each direction, at large slip the resultant is the friction circle's.
-"""
-
+from collections.abc import Callable, Sequence
 from math import atan, sin, sqrt
+from typing import Any
 
-from plant_sim.kernels.jit import inlined
+import numpy as np
 
-LEAST = 0.25
-"""Share of grip and of stiffness per load that is left at any overload."""
+from plant_sim.kernels.jit import inlined, njit, record_of
+from vehicles.tyres import LEAST, TYRES, Similarity, TyreModel
+
+Kernel = Callable[..., tuple[float, float, float]]
+
+_similarity = record_of(np.dtype([(name, "f8") for name in Similarity.NUMBERS]))
 
 
 @inlined
@@ -20,33 +21,81 @@ def falling(ratio: float, slope: float) -> float:
 
 
 @inlined
-def curve(slip: float, shape: float, curvature: float) -> float:
-    """Magic formula with unit peak and unit slope at the origin; ``slip`` >= 0."""
-    x = slip / shape
-    return sin(shape * atan(x - curvature * (x - atan(x))))
-
-
-@inlined
-def resultant(linear_x: float, linear_y: float, limit: float) -> float:
-    """Resultant slip: 1 where the unlimited tyre's force is ``limit``; 0 without grip."""
+def similarity(  # noqa: PLR0917
+    axle: Any,  # noqa: ANN401
+    load: float,
+    slip_ratio: float,
+    slip_angle: float,
+    camber: float,
+    friction: float,
+) -> tuple[float, float, float]:
+    """Kernel of :class:`vehicles.tyres.Similarity`: no camber thrust, no aligning moment."""
+    tyre = _similarity(axle.tyre)
+    ratio = load * tyre.per_load
+    linear_x = tyre.longitudinal * ratio * slip_ratio
+    linear_y = tyre.cornering * ratio * falling(ratio, tyre.cornering_load_slope) * slip_angle
+    limit = tyre.friction * friction * falling(ratio, tyre.friction_load_slope) * load
     demand = sqrt(linear_x * linear_x + linear_y * linear_y)
-    return demand / limit if limit > 0.0 else 0.0
+    if not (demand > 0.0 and limit > 0.0):
+        return 0.0, 0.0, 0.0
+    # magic formula of the resultant, its peak the limit
+    slip = demand / (limit * tyre.shape)
+    bent = slip - tyre.curvature * (slip - atan(slip))
+    share = limit / demand * sin(tyre.shape * atan(bent))
+    return share * linear_x, share * linear_y, 0.0
 
 
-@inlined
-def share(slip: float, shape: float, curvature: float) -> float:
-    """Share of an unlimited tyre's force that is left at this resultant slip."""
-    return curve(slip, shape, curvature) / slip if slip > 0.0 else 0.0
+def chosen(kernels: Sequence[Kernel], number: int = 0) -> Kernel:
+    """The kernel that calls the one of an axle's ``tyre_model``; the first has ``number``."""
+    first = kernels[0]
+    if len(kernels) == 1:
+        return first
+    others = chosen(kernels[1:], number + 1)
+
+    @inlined
+    def forces(  # noqa: PLR0917
+        axle: Any,  # noqa: ANN401
+        load: float,
+        slip_ratio: float,
+        slip_angle: float,
+        camber: float,
+        friction: float,
+    ) -> tuple[float, float, float]:
+        if axle.tyre_model == number:
+            return first(axle, load, slip_ratio, slip_angle, camber, friction)
+        return others(axle, load, slip_ratio, slip_angle, camber, friction)
+
+    return forces
 
 
-@inlined
-def forces(
-    linear_x: float, linear_y: float, limit: float, shape: float, curvature: float
-) -> tuple[float, float]:
-    """Longitudinal and lateral force (N).
+KERNELS: tuple[Kernel, ...] = (similarity,)
+"""One for each of :data:`vehicles.tyres.TYRES`, in their order."""
+ROOM = len(Similarity.NUMBERS)
+"""Most parameters of a tyre model."""
+forces = chosen(KERNELS)
+"""``forces(axle, load, slip_ratio, slip_angle, camber, friction)``: see :mod:`vehicles.tyres`."""
 
-    ``linear_x`` and ``linear_y`` are the forces of an unlimited tyre, stiffness times slip (N);
-    ``limit`` is the peak of the resultant, μ F_z (N).
-    """
-    part = share(resultant(linear_x, linear_y, limit), shape, curvature)
-    return part * linear_x, part * linear_y
+
+@njit
+def _forces_of(  # noqa: PLR0917
+    axle: Any,  # noqa: ANN401
+    load: float,
+    slip_ratio: float,
+    slip_angle: float,
+    camber: float,
+    friction: float,
+) -> tuple[float, float, float]:
+    return forces(axle, load, slip_ratio, slip_angle, camber, friction)
+
+
+def forces_of(tyre: TyreModel, *arguments: float) -> tuple[float, float, float]:
+    """What the kernel of a tyre gives: see :meth:`vehicles.tyres.TyreModel.forces`."""
+    axle = np.zeros(1, [("tyre_model", "f8"), ("tyre", "f8", (ROOM,))])
+    fill(axle[0], tyre)
+    return _forces_of(axle[0], *map(float, arguments))
+
+
+def fill(axle: Any, tyre: TyreModel) -> None:  # noqa: ANN401
+    """Fill an axle's record with the tyre on it."""
+    axle["tyre_model"] = list(TYRES.values()).index(type(tyre))
+    axle["tyre"][: len(tyre.parameters)] = tyre.parameters

@@ -9,7 +9,8 @@ import numpy as np
 from canroll.typing import Vector
 from plant_sim.driving import driver, path, preview
 from plant_sim.driving.driver import FOLLOW_PATH, Drive
-from vehicles import GRAVITY, Vehicle
+from vehicles import Vehicle
+from vehicles.axles import Axle, axles
 
 STEP_NS = 1_000_000
 """Time between two calls of the driver and two steps of the plant (ns)."""
@@ -64,37 +65,19 @@ class Kind:
     chassis_control: bool = False
 
 
-def understeer(vehicle: Vehicle) -> float:
-    """Understeer gradient of the linear bicycle (rad per m/s²): δ = l/R + K a_y."""
-    geometry, tyre = vehicle.geometry, vehicle.tyre
-    return (
-        vehicle.total_mass
-        / geometry.wheelbase
-        * (
-            geometry.cg_to_rear_axle / tyre.cornering_stiffness_front
-            - geometry.cg_to_front_axle / tyre.cornering_stiffness_rear
-        )
-    )
-
-
 def steady_steer(vehicle: Vehicle, speed: float, lateral_acceleration: float) -> float:
     """Road-wheel angle (rad) at which the linear car corners at that acceleration (m/s²)."""
-    return lateral_acceleration * (vehicle.geometry.wheelbase / speed**2 + understeer(vehicle))
+    return lateral_acceleration * (vehicle.geometry.wheelbase / speed**2 + vehicle.understeer)
 
 
-def slip_limit(vehicle: Vehicle, friction: float, axle: str = "front") -> float:
+def slip_limit(axle: Axle, friction: float) -> float:
     """Slip angle (rad) at which a Fiala tyre of the axle has GRIP_USED of its peak.
 
-    F = µ F_z (1 - (1 - x / 3)³) with x = C α / (µ F_z); ``axle`` "front" or "rear".
+    F = µ F_z (1 - (1 - x / 3)³) with x = C α / (µ F_z).
     """
-    geometry, tyre = vehicle.geometry, vehicle.tyre
-    if axle == "front":
-        lever, stiffness = geometry.cg_to_rear_axle, tyre.cornering_stiffness_front
-    else:
-        lever, stiffness = geometry.cg_to_front_axle, tyre.cornering_stiffness_rear
-    load = vehicle.total_mass * GRAVITY * lever / geometry.wheelbase
+    grip = 2.0 * axle.tyre.grip(axle.wheel_load, friction)
     part = 3.0 * (1.0 - float(np.cbrt(1.0 - GRIP_USED)))
-    return part * friction * tyre.friction * load / stiffness
+    return part * grip / axle.cornering
 
 
 def make_drive(
@@ -111,15 +94,16 @@ def make_drive(
     A ``preview_time`` (s) of 0 is that of :func:`plant_sim.driving.preview.preview_time`.
     """
     geometry, gains = vehicle.geometry, np.zeros(2 * driver.ROW)
+    front, rear = axles(vehicle)
     p = np.zeros(driver.N_DRIVER)
     if plan.kind == FOLLOW_PATH:
         preview_time = preview_time or preview.preview_time(vehicle, speed)
         gains = preview.table(vehicle, speed, preview_time)
         p[driver.D_PREVIEW_TIME] = preview_time
     p[driver.D_LAG] = vehicle.driver.lag
-    p[driver.D_SLIP_LIMIT] = np.inf if plan.at_the_limit else slip_limit(vehicle, friction)
+    p[driver.D_SLIP_LIMIT] = np.inf if plan.at_the_limit else slip_limit(front, friction)
     p[driver.D_WHEELBASE] = geometry.wheelbase
-    p[driver.D_UNDERSTEER] = understeer(vehicle)
+    p[driver.D_UNDERSTEER] = vehicle.understeer
     p[driver.D_STEER_LIMIT] = vehicle.steering.angle_limit
     p[driver.D_STEER_RATE] = plan.steer_rate or vehicle.steering.rate_limit
     p[driver.D_RELEASE_TIME] = plan.release_time
@@ -127,15 +111,15 @@ def make_drive(
     p[driver.D_TABLE_STEP] = plan.table_step
     p[driver.D_FRICTION] = friction
     p[driver.D_ROAD_STEP] = plan.road_step
-    p[driver.D_FRONT] = geometry.cg_to_front_axle
-    p[driver.D_REAR] = geometry.cg_to_rear_axle
+    p[driver.D_FRONT] = front.ahead
+    p[driver.D_REAR] = -rear.ahead
     p[driver.D_TIME_STEP] = STEP_NS * 1e-9
     p[[driver.D_START, driver.D_AMPLITUDE, driver.D_HOLD, driver.D_RETURN]] = plan.fishhook
     p[driver.D_CHASSIS_CONTROL] = float(chassis_control)
     p[driver.D_MASS] = vehicle.total_mass
     p[driver.D_YAW_INERTIA] = vehicle.mass.yaw_inertia
-    p[driver.D_TRACK] = geometry.half_track_front
-    p[driver.D_CORNERING] = vehicle.tyre.cornering_stiffness_front
+    p[driver.D_TRACK] = front.half_track
+    p[driver.D_CORNERING] = front.cornering
     x, y = plan.path_xy if plan.path_xy is not None else (np.array([0.0, path.STEP]), np.zeros(2))
     left, right = plan.road if plan.road is not None else (np.zeros(1), np.zeros(1))
     return Drive(

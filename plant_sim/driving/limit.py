@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from plant_sim.driving.drive import STEP_NS, slip_limit
 from plant_sim.driving.standards import Signals, two_wheel_lift
 from vehicles import GRAVITY, Vehicle
+from vehicles.axles import Axle, axles
 
 NEAR = 0.98
 """Share of a limit from which it counts as reached."""
@@ -43,9 +44,10 @@ def limited_by(vehicle: Vehicle, signals: Signals, friction: float) -> Limited:
         return Limited("car", "both wheels of a side lift")
     grip = friction * vehicle.tyre.friction * GRAVITY
     used = f"{np.abs(signals['ay']).max() / grip:.0%} of the grip used".replace("%", " %")
-    for axle, slip in _slip(vehicle, signals).items():
-        if _lasts(slip >= NEAR * slip_limit(vehicle, friction, axle)):
-            return Limited("car", f"the {axle} tyres are near their peak, {used}")
+    for axle in axles(vehicle):
+        slip = _slip(axle, signals)
+        if _lasts(slip >= NEAR * slip_limit(axle, friction)):
+            return Limited("car", f"the {axle.name} tyres are near their peak, {used}")
     steer, step = np.abs(signals["steer"]), STEP_NS * 1e-9
     if _lasts(steer >= NEAR * vehicle.steering.angle_limit):
         return Limited("car", "the steering is at its stop")
@@ -54,15 +56,12 @@ def limited_by(vehicle: Vehicle, signals: Signals, friction: float) -> Limited:
     return Limited("driver", f"no tyre and no steering at its limit, {used}")
 
 
-def _slip(vehicle: Vehicle, signals: Signals) -> dict[str, NDArray[np.float64]]:
-    """Return the magnitude of the slip angle by axle (rad) while the car moves."""
+def _slip(axle: Axle, signals: Signals) -> NDArray[np.float64]:
+    """Return the magnitude of the axle's slip angle (rad) while the car moves."""
     moving = signals["vx"] > SLOWEST
     vx, vy, rate, steer = (signals[name][moving] for name in ("vx", "vy", "yaw_rate", "steer"))
-    front, rear = vehicle.geometry.cg_to_front_axle, vehicle.geometry.cg_to_rear_axle
-    return {
-        "front": np.abs(steer - np.arctan((vy + front * rate) / vx)),
-        "rear": np.abs(np.arctan((vy - rear * rate) / vx)),
-    }
+    course = np.arctan((vy + axle.ahead * rate) / vx)
+    return np.abs(steer - course if axle.name == "front" else course)
 
 
 def _lasts(reached: NDArray[np.bool_]) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.typing import Vector
 from plant_sim.driving import MANEUVERS
-from plant_sim.driving.drive import STEP_NS, Kind, make_drive, understeer
+from plant_sim.driving.drive import STEP_NS, Kind, make_drive
 from plant_sim.driving.driver import (
     ACCELERATION_TABLE,
     D_CHASSIS_CONTROL,
@@ -38,7 +38,6 @@ __all__ = [
     "speed_range",
     "straightened",
     "title",
-    "understeer",
     "written",
 ]
 

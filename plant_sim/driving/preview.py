@@ -17,6 +17,7 @@ from scipy.linalg import expm
 
 from canroll.typing import Vector
 from vehicles import Vehicle
+from vehicles.axles import axles
 
 POINTS = 16
 """Points of the path that the driver looks at, equally spaced over the preview time."""
@@ -70,19 +71,18 @@ def bicycle(vehicle: Vehicle, speed: float) -> tuple[Matrix, Matrix]:
     Returns:
         A (5, 5) and B (5, 1) of the steering demand (rad), at ``speed`` (m/s).
     """
-    geometry, tyre = vehicle.geometry, vehicle.tyre
-    front, rear = geometry.cg_to_front_axle, geometry.cg_to_rear_axle
-    stiff_front, stiff_rear = tyre.cornering_stiffness_front, tyre.cornering_stiffness_rear
+    front, rear = axles(vehicle)
     mass, inertia = vehicle.total_mass, vehicle.mass.yaw_inertia
-    turning = front * stiff_front - rear * stiff_rear
+    turning = front.ahead * front.cornering + rear.ahead * rear.cornering
     a, b = np.zeros((5, 5)), np.zeros((5, 1))
     a[_Y, _YAW], a[_Y, _VY], a[_YAW, _RATE] = speed, 1.0, 1.0
-    a[_VY, _VY] = -(stiff_front + stiff_rear) / (mass * speed)
+    a[_VY, _VY] = -(front.cornering + rear.cornering) / (mass * speed)
     a[_VY, _RATE] = -speed - turning / (mass * speed)
-    a[_VY, _ANGLE] = stiff_front / mass
+    a[_VY, _ANGLE] = front.cornering / mass
     a[_RATE, _VY] = -turning / (inertia * speed)
-    a[_RATE, _RATE] = -(front**2 * stiff_front + rear**2 * stiff_rear) / (inertia * speed)
-    a[_RATE, _ANGLE] = front * stiff_front / inertia
+    damping = front.ahead**2 * front.cornering + rear.ahead**2 * rear.cornering
+    a[_RATE, _RATE] = -damping / (inertia * speed)
+    a[_RATE, _ANGLE] = front.ahead * front.cornering / inertia
     a[_ANGLE, _ANGLE], b[_ANGLE, 0] = -1.0 / vehicle.driver.lag, 1.0 / vehicle.driver.lag
     return a, b
 

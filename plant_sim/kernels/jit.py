@@ -180,6 +180,25 @@ def borrowed(typing_context: Any, array: Any) -> Any:  # noqa: ANN401
 borrowed.same = True  # for the translation to C
 
 
+def record_of(dtype: Any) -> Any:  # noqa: ANN401
+    """In a kernel: the record of ``dtype`` that begins a vector, whose numbers it reads by name.
+
+    Every field is a float64 or consists of such; the caller keeps the vector alive.
+    """
+    record = numba.from_dtype(dtype)
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def at(typing_context: Any, vector: Any) -> Any:  # noqa: ANN401
+        def lower(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ANN401
+            array = context.make_array(signature.args[0])(context, builder, arguments[0])
+            return builder.bitcast(array.data, context.get_value_type(record))
+
+        return record(vector), lower
+
+    at.record = dtype  # for the translation to C
+    return at
+
+
 def stack_vector(size: int) -> Any:  # noqa: ANN401
     """In a kernel: an uninitialised vector of ``size`` that is gone when the function returns."""
 

@@ -11,7 +11,7 @@ from canroll.errors import CanrollError, VerdictError
 from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.bodies.ports import Body
-from plant_sim.driving.drive import STEP_NS, Plan, make_drive, steady_steer, understeer
+from plant_sim.driving.drive import STEP_NS, Plan, make_drive, steady_steer
 from plant_sim.driving.driver import STEER_TABLE
 from plant_sim.driving.maneuvers import Maneuver, build
 from plant_sim.world.open_loop import run_passive
@@ -97,7 +97,7 @@ def constant_radius(vehicle: Vehicle, body: Body, *, radius: float = 100.0) -> U
         radius=radius,
         states=tuple(states),
         gradient=degrees(np.polyfit(lateral, beyond, 1)[0]) * GRAVITY,
-        closed_form=degrees(understeer(vehicle)) * GRAVITY,
+        closed_form=degrees(vehicle.understeer) * GRAVITY,
         roll_gradient=degrees(np.polyfit(lateral, roll, 1)[0]) * GRAVITY,
         limit=max(state.lateral_acceleration for state in states),
     )

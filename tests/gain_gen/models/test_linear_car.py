@@ -12,8 +12,9 @@ from canroll.errors import CanrollError
 from gain_gen.models.linear_car import OUTPUTS, linear_car
 from gain_gen.models.reduction import INPUT_SIZES, OUTPUT_SIZES, balanced, reduced
 from gain_gen.models.trim import most_lateral_acceleration, steady_curve
-from plant_sim.bodies import nonlinear_car, ports, tyre
+from plant_sim.bodies import nonlinear_car, ports
 from plant_sim.nodes.imu_motion import FORCE, RATE, specific_motion
+from vehicles.axles import axles
 from vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
 from vehicles.unladen import empty_body, unladen
 
@@ -99,7 +100,7 @@ def test_one_degree_of_freedom_errs_where_the_loop_needs_the_model(van):
 def test_a_steady_curve_softens_the_tyres_as_the_plants_own_tyre_does(van):
     acceleration, friction = 5.0, 0.9
     front, _ = steady_curve(van, acceleration, friction)
-    data = van.tyre
+    data, wheel = van.tyre, axles(van)[0].tyre
     share = van.geometry.static_front_share
     static = 0.5 * share * van.total_mass * 9.81
     tilt = steady_roll(van, suspension_roll_stiffness(van))[1]
@@ -112,11 +113,7 @@ def test_a_steady_curve_softens_the_tyres_as_the_plants_own_tyre_does(van):
     def force(slip):
         total = 0.0
         for load in (static - back - moved, static - back + moved):
-            ratio = load / static
-            stiffness = 0.5 * data.cornering_stiffness_front * ratio
-            stiffness *= tyre.falling(ratio, data.cornering_load_slope)
-            limit = data.friction * friction * tyre.falling(ratio, data.friction_load_slope) * load
-            total += tyre.forces(0.0, stiffness * slip, limit, data.shape, data.curvature)[1]
+            total += wheel.forces(load, 0.0, slip, 0.0, friction)[1]
         return total
 
     slips = np.linspace(0.0, 0.2, 20001)

@@ -214,7 +214,7 @@ def test_what_an_axle_exerts_on_the_body_is_the_suspension_force(balance):
         from_body = needed - given
         about_centre = needed_moment - given_moment - np.cross(centre, from_body)
         left, right = balance.results[[car.R_CORNER + wheel for wheel in wheels]]
-        track = balance.parameters[car.P_TRACK + axle]
+        track = balance.parameters.view(car.CAR)[0]["axle"][axle]["half_track"]
         scale = balance.vehicle.total_mass * G
         close(from_body @ slide, -(left + right), scale)
         close(about_centre @ hinge, -track * (left - right), scale)

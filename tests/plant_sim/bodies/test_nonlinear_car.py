@@ -7,7 +7,7 @@ from support.car_bodies import CarBodies
 import vehicles
 from canroll.errors import CanrollError
 from plant_sim import bodies
-from plant_sim.bodies import nonlinear_car, parameters, ports, tyre
+from plant_sim.bodies import nonlinear_car, parameters, ports
 from plant_sim.driving import maneuvers
 from plant_sim.world import open_loop
 from vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
@@ -26,7 +26,7 @@ class Car:
         self.outputs = np.zeros(ports.N_OUTPUTS)
 
     def run(self, seconds, dt=1e-3, hold_speed=None):
-        mass = self.parameters[parameters.P_MASS]
+        mass = self.parameters.view(parameters.CAR)[0]["mass"]
         for _ in range(round(seconds / dt)):
             if hold_speed is not None:
                 self.inputs[ports.DRIVE_FORCE] = (
@@ -73,7 +73,7 @@ def test_steady_roll_and_understeer_equal_their_closed_forms(name):
         steady_roll(vehicle, stiffness)[0], rel=0.01
     )
     curvature = outputs[ports.YAW_RATE] / outputs[ports.VX]
-    expected = vehicle.geometry.wheelbase * curvature + maneuvers.understeer(vehicle) * lateral
+    expected = vehicle.geometry.wheelbase * curvature + vehicle.understeer * lateral
     assert steer == pytest.approx(expected, rel=0.01)
 
 
@@ -128,20 +128,21 @@ def test_fourth_order_convergence():
 
 def energy(car, vehicle):
     """Kinetic and potential energy of the whole car over a flat road (J), stops left out."""
-    s, p = car.state, car.parameters
+    s, p = car.state, car.parameters.view(parameters.CAR)[0]
     bodies_now = CarBodies(vehicle, s, car.inputs)
     total = bodies_now.kinetic_energy(vehicle.tyre.wheel_inertia)
     total += bodies_now.height_energy(vehicles.GRAVITY)
     for axle in range(2):
         travel = s[nonlinear_car.TRAVEL + 2 * axle : nonlinear_car.TRAVEL + 2 * axle + 2]
-        total += 0.5 * p[parameters.P_SPRING + axle] * travel @ travel
-        total -= p[parameters.P_PRELOAD + axle] * travel.sum()
-        twist = (travel[0] - travel[1]) / (2 * p[parameters.P_TRACK + axle])
-        total += 0.5 * p[parameters.P_BAR + axle] * twist**2
-        for hub in bodies_now.hubs[2 * axle : 2 * axle + 2]:
+        data = p["axle"][axle]
+        total += 0.5 * data["spring"] * travel @ travel
+        total -= data["preload"] * travel.sum()
+        total += 0.5 * data["bar"] * (travel[0] - travel[1]) ** 2
+        for wheel in range(2 * axle, 2 * axle + 2):
+            hub = bodies_now.hubs[wheel]
             radius = hub.place[2] / np.sqrt(1 - hub.axis[2] ** 2)
-            deflection = max(p[parameters.P_UNLOADED + axle] - radius, 0.0)
-            total += 0.5 * p[parameters.P_TYRE_STIFFNESS] * deflection**2
+            deflection = max(p["unloaded_radius"][wheel] - radius, 0.0)
+            total += 0.5 * p["stiffness"][wheel] * deflection**2
     return total
 
 
@@ -225,15 +226,6 @@ def test_a_car_that_slid_to_a_stop_comes_to_rest():
     outputs = car.run(4.0)
     assert abs(outputs[ports.VX]) < 0.1 and abs(outputs[ports.YAW_RATE]) < 0.02
     assert abs(outputs[ports.ROLL_RATE]) < 0.01
-
-
-def test_tyre_is_linear_when_small_and_round_when_large():
-    assert tyre.forces(10.0, 20.0, 5000.0, 1.4, -0.5) == pytest.approx((10.0, 20.0), rel=1e-3)
-    x, y = tyre.forces(30000.0, 40000.0, 5000.0, 1.4, -0.5)
-    assert np.hypot(x, y) <= 5000.0 and y / x == pytest.approx(4 / 3)
-    assert tyre.forces(10.0, 10.0, 0.0, 1.4, -0.5) == (0.0, 0.0)
-    peak = max(tyre.curve(s, 1.4, -0.5) for s in np.linspace(0, 20, 2000))
-    assert peak == pytest.approx(1.0, abs=1e-6)
 
 
 def test_data_that_cannot_be_built_says_why():

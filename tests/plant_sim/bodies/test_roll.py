@@ -68,7 +68,7 @@ def test_steady_roll_and_understeer_equal_their_closed_forms(name):
     assert outputs[ports.ROLL] / outputs[ports.AY] == pytest.approx(gradient, rel=1e-6)
     geometry = vehicle.geometry
     curvature = outputs[ports.YAW_RATE] / speed
-    understeer = maneuvers.understeer(vehicle)
+    understeer = vehicle.understeer
     assert steer == pytest.approx(
         geometry.wheelbase * curvature + understeer * outputs[ports.AY], rel=1e-6
     )

@@ -8,7 +8,6 @@ import pytest
 import vehicles
 from canroll.errors import CanrollError
 from plant_sim import bodies
-from plant_sim.driving import maneuvers
 from plant_sim.world import handling
 
 VAN = vehicles.load("van_real")
@@ -96,4 +95,4 @@ def test_bisection_brackets_the_edge():
 def test_understeer_of_a_neutral_car_is_zero():
     geometry = replace(VAN.geometry, cg_to_front_axle=1.8, cg_to_rear_axle=1.8)
     tyre = replace(VAN.tyre, cornering_stiffness_front=1.5e5, cornering_stiffness_rear=1.5e5)
-    assert maneuvers.understeer(replace(VAN, geometry=geometry, tyre=tyre)) == 0.0
+    assert replace(VAN, geometry=geometry, tyre=tyre).understeer == 0.0

@@ -1,0 +1,91 @@
+"""The two axles of a vehicle: what its file says by the suffixes ``_front`` and ``_rear``."""
+
+from dataclasses import dataclass
+
+from vehicles.model import GRAVITY, Vehicle
+from vehicles.tyres import TYRES, TyreModel
+
+
+@dataclass(frozen=True, slots=True)
+class Axle:
+    """One axle with its two wheels; SI units.
+
+    Attributes:
+        name: "front" or "rear".
+        ahead: distance ahead of the car's CG; negative of the rear axle.
+        opposite: distance of the other axle from the CG, positive.
+        half_track: m.
+        roll_centre: height above the road, m.
+        unsprung: mass of both wheels and what moves with them, kg.
+        share: of the car's weight at rest.
+        wheel_load: load of one wheel at rest, N.
+        spring: rate of one spring at the wheel, N/m.
+        roll_share: of the suspension's roll stiffness.
+        roll_damping: its part of the body's, N·m·s/rad.
+        tyre_model: name in :data:`vehicles.tyres.TYRES`.
+        tyre: one tyre.
+    """
+
+    name: str
+    ahead: float
+    opposite: float
+    half_track: float
+    roll_centre: float
+    unsprung: float
+    share: float
+    wheel_load: float
+    spring: float
+    roll_share: float
+    roll_damping: float
+    tyre_model: str
+    tyre: TyreModel
+
+    @property
+    def damping(self) -> float:
+        """Mean damping of one wheel's travel (N·s/m)."""
+        return self.roll_damping / (2 * self.half_track**2)
+
+    @property
+    def cornering(self) -> float:
+        """Cornering stiffness of both tyres at rest (N/rad)."""
+        return 2.0 * self.tyre.linear(self.wheel_load).cornering
+
+    def bar(self, suspension_stiffness: float) -> float:
+        """Roll stiffness (N·m/rad) of its bar, if springs and bars of both axles have that much.
+
+        Negative where the springs alone have more.
+        """
+        return self.roll_share * suspension_stiffness - 2 * self.spring * self.half_track**2
+
+
+def axles(vehicle: Vehicle) -> tuple[Axle, Axle]:
+    """Front and rear axle of a vehicle."""
+    geometry, mass, suspension = vehicle.geometry, vehicle.mass, vehicle.suspension
+    places = geometry.cg_to_front_axle, geometry.cg_to_rear_axle
+    weight = vehicle.total_mass * GRAVITY / (2 * geometry.wheelbase)
+    damping_share, share = suspension.roll_damping_front_share, geometry.static_front_share
+    roll_share = suspension.roll_stiffness_front_share
+    tracks = geometry.half_track_front, geometry.half_track_rear
+    roll_centres = geometry.roll_centre_height_front, geometry.roll_centre_height_rear
+    unsprung = mass.unsprung_front, mass.unsprung_rear
+    springs = suspension.spring_rate_front, suspension.spring_rate_rear
+
+    def axle(i: int) -> Axle:
+        wheel_load = weight * places[1 - i]
+        return Axle(
+            name=("front", "rear")[i],
+            ahead=(places[0], -places[1])[i],
+            opposite=places[1 - i],
+            half_track=tracks[i],
+            roll_centre=roll_centres[i],
+            unsprung=unsprung[i],
+            share=(share, 1.0 - share)[i],
+            wheel_load=wheel_load,
+            spring=springs[i],
+            roll_share=(roll_share, 1.0 - roll_share)[i],
+            roll_damping=(damping_share, 1.0 - damping_share)[i] * vehicle.plant.roll_damping,
+            tyre_model="similarity",
+            tyre=TYRES["similarity"].of_axle(vehicle, i, wheel_load),
+        )
+
+    return axle(0), axle(1)
