@@ -2,9 +2,6 @@
 
 from dataclasses import dataclass
 
-ACTUATORS = ("suspension", "bars", "dampers", "valves")
-"""The kinds of roll actuators that a vehicle can be fitted with."""
-
 
 @dataclass(frozen=True, slots=True)
 class ActiveSuspension:

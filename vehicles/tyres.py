@@ -16,8 +16,6 @@ from math import atan, cos, sin
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
-from scipy.optimize import minimize_scalar
-
 if TYPE_CHECKING:
     from vehicles.model import Vehicle
 
@@ -25,6 +23,8 @@ STEP = 1e-5
 """Slip by which forces are differenced."""
 MOST_SLIP = 1.0
 """Slip within which a tyre has its most lateral force."""
+HALVINGS = 30
+"""Of that interval in the search for the peak."""
 LEAST = 0.25
 """Share of grip and of stiffness per load that remains at any overload."""
 
@@ -82,13 +82,13 @@ class TyreModel(ABC):
         return force, (more - less) / (2.0 * STEP)
 
     def grip(self, load: float, friction: float) -> float:
-        """Largest lateral force (N) of a freely rolling tyre."""
-        best = minimize_scalar(
-            lambda slip: -self.forces(load, 0.0, slip, 0.0, friction)[1],
-            bounds=(0.0, MOST_SLIP),
-            method="bounded",
-        )
-        return float(-best.fun)
+        """Largest lateral force (N) of a freely rolling tyre: its curve has one peak."""
+        low, high, force = 0.0, MOST_SLIP, 0.0
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            force, slope = self.lateral(load, middle, friction)
+            low, high = (middle, high) if slope > 0.0 else (low, middle)
+        return force
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from gain_gen.calibration.vehicle_part import timeouts, vehicle_fields
 from gain_gen.models.controller import Compensator, matrices
 from gain_gen.models.roll import stationary_covariance
 from gain_gen.models.task import EPSILON_SQUARED, Design
+from vehicles.actuators import ACTUATORS
 
 Value = int | list[int] | list[list[int]]
 Fields = dict[str, Value]
@@ -30,12 +31,7 @@ OBSERVER_NUMBER = {
     "acceleration_propagated": fw.PROPAGATED_COVARIANCE,
     "reference": fw.BYPASS,
 }
-ACTUATOR_NUMBER = {
-    "suspension": fw.SUSPENSION,
-    "bars": fw.BARS,
-    "dampers": fw.DAMPERS,
-    "valves": fw.VALVES,
-}
+ACTUATOR_NUMBER = {name: actuator.number for name, actuator in ACTUATORS.items()}
 Q_COMPENSATOR = 24
 Q_COMPENSATOR_INPUTS = (fw.Q_ANGLE, fw.Q_RATE, fw.Q_ACCELERATION, fw.Q_ACCELERATION)
 TRIGGER_SIGMAS = {"output": 5.0, "state": 3.0, "dynamic": 3.0}

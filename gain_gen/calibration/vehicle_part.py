@@ -20,6 +20,8 @@ from gain_gen.models.controller import SPEEDS
 from gain_gen.models.front_share import front_share
 from gain_gen.models.task import Task
 from vehicles import Vehicle
+from vehicles.actuators import ACTUATORS, MILLI
+from vehicles.axles import axles
 from vehicles.model import GRAVITY, SemiActiveDampers
 
 SENSOR_PERIODS = tuple(
@@ -29,11 +31,6 @@ SENSOR_PERIODS = tuple(
 MISSED_SAMPLES = 5
 KMH = 1.0 / 3.6
 FADE = (5.0 * KMH, 10.0 * KMH)
-DBC_FORCE_LIMIT = floor(dbc.largest("SuspensionForceCommand", "ForceFrontLeft"))
-DBC_BAR_LIMIT = floor(dbc.largest("AntiRollBarCommand", "TorqueFront"))
-DBC_CURRENT_LIMIT = floor(dbc.largest("ValveCommand", "CurrentFront"))
-"""Ranges of the command frames, whole N, N·m and mA."""
-MILLI = 1e3
 OUTWARD_SHARE = 0.2
 OUTWARD_LATERAL = 2.0
 OUTWARD_TIME = 0.1
@@ -88,39 +85,12 @@ def moment_limit(task: Task, share: float) -> float:
 
     Valves are commanded by currents, one per axle, in mA.
     """
-    actuators, geometry = task.vehicle.actuators, task.vehicle.geometry
-    if task.actuator == "valves":
-        return min(MILLI * actuators.valves.current_limit, DBC_CURRENT_LIMIT)
-    if task.actuator in ("suspension", "dampers"):
-        force = min(actuators.suspension.force_limit, DBC_FORCE_LIMIT)
-        limits = (
-            2.0 * geometry.half_track_front * force / max(share, 1e-3),
-            2.0 * geometry.half_track_rear * force / max(1.0 - share, 1e-3),
-        )
-        return min(limits)
-    return _bar_moment(task, share)
+    return ACTUATORS[task.actuator].command_limit(task.vehicle, share, _range)
 
 
-def _bar_moment(task: Task, share: float) -> float:
-    """Return the moment that the anti-roll bars give at this split, N·m."""
-    torque = min(task.vehicle.actuators.bars.torque_limit, DBC_BAR_LIMIT)
-    return torque / max(share, 1.0 - share)
-
-
-def _moment_rate(task: Task, share: float) -> float:
-    """Return the largest rate of the command, N·m/s or mA/s."""
-    actuators, geometry = task.vehicle.actuators, task.vehicle.geometry
-    if task.actuator == "valves":
-        return 2.0 * moment_limit(task, share) / task.tick
-    if task.actuator == "suspension":
-        arm = min(
-            geometry.half_track_front / max(share, 1e-3),
-            geometry.half_track_rear / max(1.0 - share, 1e-3),
-        )
-        return 2.0 * arm * actuators.suspension.force_rate_limit
-    if task.actuator == "dampers":
-        return moment_limit(task, share) / 0.01
-    return actuators.bars.torque_rate_limit / max(share, 1.0 - share)
+def _range(message: str, signal: str) -> int:
+    """Return the range of a command on the bus, whole N, N·m or mA."""
+    return floor(dbc.largest(message, signal))
 
 
 def _q(value: float, q: int) -> int:
@@ -130,7 +100,7 @@ def _q(value: float, q: int) -> int:
 def timeouts(task: Task, *others: int) -> list[int]:
     """Return timeouts of five samples for the messages that the loop and ``others`` need, ticks."""
     needed = {RX_IMU, RX_VEHICLE_MOTION, RX_ACTUATOR_STATE, *others}
-    if task.actuator == "dampers":
+    if ACTUATORS[task.actuator].needs_suspension_rate:
         needed.add(RX_SUSPENSION_RATE)
     if task.observer == "reference":
         needed = needed - {RX_IMU} | {RX_ROLL_REFERENCE}
@@ -209,7 +179,8 @@ def _identification(task: Task) -> dict[str, Value]:
 def _limits(task: Task, share: float) -> dict[str, Value]:
     """Limits of the moment, of its slew and of the lateral acceleration by steering."""
     limit = moment_limit(task, share)
-    slew = _moment_rate(task, share) * task.tick
+    actuator = ACTUATORS[task.actuator]
+    slew = actuator.command_rate(task.vehicle, share, _range, task.tick) * task.tick
     followed = LINEAR_SHARE * task.vehicle.tyre.friction * GRAVITY
     return {
         "moment_max": quantise(limit, fw.Q_MOMENT, 0, fw.STATE_MAX, name="moment_max"),
@@ -234,13 +205,12 @@ def _envelope(task: Task, share: float) -> dict[str, Value]:
     source = RX_ROLL_REFERENCE if task.observer == "reference" else RX_IMU
     timeout = timeouts[source]
     assert isinstance(timeout, int)
-    # valves are commanded by currents and judged by the moments they deliver
-    moment = most if task.actuator != "valves" else _q(_bar_moment(task, share), fw.Q_MOMENT)
+    moment = ACTUATORS[task.actuator].moment_limit(task.vehicle, share, _range)
     return {
         "envelope_moment": most,
         "envelope_slew": min(max(slew, most // ramp + 2), fw.STATE_MAX),
         "envelope_age": timeout + 2 * ramp,
-        "envelope_outward": round(OUTWARD_SHARE * moment),
+        "envelope_outward": round(OUTWARD_SHARE * _q(moment, fw.Q_MOMENT)),
         "envelope_lateral": _q(OUTWARD_LATERAL, fw.Q_ACCELERATION),
         "envelope_ticks": ceil(OUTWARD_TIME / task.tick),
         "envelope_pass": _q(1.0 - exp(-task.tick / OUTWARD_FALL), fw.Q_UNIT),
@@ -283,25 +253,27 @@ def damper_knee(dampers: SemiActiveDampers, force: tuple[float, ...]) -> tuple[f
 
 def _allocation(task: Task) -> dict[str, Value]:
     """Geometry of the split and limits of each actuator."""
-    geometry, actuators = task.vehicle.geometry, task.vehicle.actuators
-    current = actuators.dampers.current_limit
-    if task.actuator == "valves":
-        current = actuators.valves.current_limit
-    track = (2.0 * geometry.half_track_front, 2.0 * geometry.half_track_rear)
-    force = min(actuators.suspension.force_limit, DBC_FORCE_LIMIT)
-    bar = min(actuators.bars.torque_limit, DBC_BAR_LIMIT)
+    actuators = task.vehicle.actuators
+    current = ACTUATORS[task.actuator].current_limit(task.vehicle)
+    front, rear = (2.0 * axle.half_track for axle in axles(task.vehicle))
+    ranges = {
+        name: _range(*ACTUATORS[name].commands[0][:2]) for name in ("suspension", "bars", "valves")
+    }
+    force = min(actuators.suspension.force_limit, ranges["suspension"])
+    bar = min(actuators.bars.torque_limit, ranges["bars"])
+    most = {name: largest << fw.Q_MOMENT for name, largest in ranges.items()}
     soft = damper_knee(actuators.dampers, actuators.dampers.soft_force)
     firm = damper_knee(actuators.dampers, actuators.dampers.firm_force)
     return {
-        "arm_front": _q(1.0 / track[0], 28),
-        "arm_rear": _q(1.0 / track[1], 28),
-        "track_front": _q(track[0], 28),
-        "track_rear": _q(track[1], 28),
-        "force_max": [quantise(force, fw.Q_MOMENT, 0, DBC_FORCE_LIMIT << 14, name="force_max")] * 4,
+        "arm_front": _q(1.0 / front, 28),
+        "arm_rear": _q(1.0 / rear, 28),
+        "track_front": _q(front, 28),
+        "track_rear": _q(rear, 28),
+        "force_max": [quantise(force, fw.Q_MOMENT, 0, most["suspension"], name="force_max")] * 4,
         "share_slack": _q(0.1, fw.Q_UNIT),
-        "bar_max": [quantise(bar, fw.Q_MOMENT, 0, DBC_BAR_LIMIT << 14, name="bar_max")] * 2,
+        "bar_max": [quantise(bar, fw.Q_MOMENT, 0, most["bars"], name="bar_max")] * 2,
         "damper_speed": [_q(soft[0], fw.Q_RATE), _q(firm[0], fw.Q_RATE)],
         "damper_force": [_q(soft[1], fw.Q_MOMENT), _q(firm[1], fw.Q_MOMENT)],
         "damper_slope": [_q(soft[2], fw.Q_MOMENT), _q(firm[2], fw.Q_MOMENT)],
-        "current_max": _q(min(MILLI * current, DBC_CURRENT_LIMIT), fw.Q_MOMENT),
+        "current_max": _q(min(MILLI * current, ranges["valves"]), fw.Q_MOMENT),
     }

@@ -17,6 +17,7 @@ from gain_gen.models.observer import LateralModel, Observer, SensorNoise, kalman
 from gain_gen.models.roll import Matrix
 from gain_gen.models.task import Solution, Task
 from vehicles import Vehicle
+from vehicles.actuators import ACTUATORS
 
 PRINTED = {
     "lqr": (38315.0, 4232.0),
@@ -62,7 +63,7 @@ def actuator_rate(task: Task) -> float:
 
     Commands to dampers and valves are not moments: their moment is taken as delivered.
     """
-    if task.actuator in ("dampers", "valves"):
+    if not ACTUATORS[task.actuator].takes_moments:
         return 0.0
     return 1.0 - exp(-task.tick / task.lag)
 

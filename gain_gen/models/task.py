@@ -9,6 +9,7 @@ from gain_gen.models.controller import Controller
 from gain_gen.models.observer import LateralModel, SensorNoise
 from gain_gen.models.roll import Matrix
 from vehicles import Vehicle
+from vehicles.actuators import ACTUATORS
 
 UNITS = {"_db": " dB", "_s": " s"}
 """Unit of a check by the end of its name."""
@@ -65,7 +66,7 @@ class Task:
         vehicle: design model, actuators and sensors.
         delay: from the sample to the force.
         tick: period of the ECU loop, s.
-        actuator: "suspension", "bars", "dampers" or "valves".
+        actuator: name in :data:`vehicles.actuators.ACTUATORS`.
         observer: name of the observer settings.
         feedforward: whether the disturbance feedforward is on.
         gains: "computed", "theorem" (of the paper, on its 1-DOF model) or "as_printed".
@@ -96,12 +97,7 @@ class Task:
     @property
     def lag(self) -> float:
         """Time constant of the actuator, s."""
-        actuators = self.vehicle.actuators
-        if self.actuator == "suspension":
-            return actuators.suspension.lag
-        if self.actuator == "dampers":
-            return actuators.dampers.lag
-        return actuators.bars.lag
+        return ACTUATORS[self.actuator].lag(self.vehicle)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,9 @@ from plant_sim.kernels.jit import njit
 from plant_sim.nodes import codec, e2e, envelope
 from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.envelope import Envelope
+from vehicles.actuators import Bars, Dampers, Suspension, Valves
 
-SUSPENSION, BARS, DAMPERS, VALVES = range(4)
+SUSPENSION, BARS, DAMPERS, VALVES = (kind.number for kind in (Suspension, Bars, Dampers, Valves))
 
 # Status of a corner, as the DBC numbers it.
 STATUS_OK, STATUS_LIMITED, STATUS_STUCK, STATUS_FLOATING = range(4)

@@ -10,28 +10,12 @@ from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.kernels import schedule
 from plant_sim.nodes import actuator_kernel, codec, e2e, envelope, hydraulics
 from plant_sim.nodes.actuator_kernel import Actuators
+from vehicles.actuators import ACTUATORS, Actuator
+from vehicles.axles import axles
 from vehicles.model import SemiActiveDampers, Vehicle
 
-KINDS = {
-    "suspension": actuator_kernel.SUSPENSION,
-    "bars": actuator_kernel.BARS,
-    "dampers": actuator_kernel.DAMPERS,
-    "valves": actuator_kernel.VALVES,
-}
-"""Actuators by name: four-corner active suspension, active anti-roll bars, semi-active dampers,
-electro-hydraulic bars."""
-
-COMMANDS = {
-    "suspension": (("SuspensionForceCommand", "ForceFrontLeft", 4),),
-    "bars": (("AntiRollBarCommand", "TorqueFront", 2),),
-    "dampers": (
-        ("DamperCommand", "CurrentFrontLeft", 4),
-        ("SuspensionForceCommand", "ForceFrontLeft", 4),
-    ),
-    "valves": (("ValveCommand", "CurrentFront", 2), ("AntiRollBarCommand", "TorqueFront", 2)),
-}
-"""Messages that each node takes: name, first signal, channels. Dampers turn forces into settings
-by the rule of a semi-active device, valves close a torque loop on moments, both at 1 ms."""
+COMMANDS = {name: actuator.commands for name, actuator in ACTUATORS.items()}
+"""Messages that each node takes: name, first signal, channels."""
 
 
 def command_signals(message: str) -> tuple[str, ...]:
@@ -139,50 +123,40 @@ def _approach(lag: float) -> float:
     return 1 - math.exp(-1e-3 / lag) if lag > 0 else 1.0
 
 
+def _scaled(limit: float, power: float) -> float:
+    """A limit at reduced ``power``; none stays none."""
+    return limit * power if math.isfinite(limit) else limit
+
+
 def _settings(
-    vehicle: Vehicle, kind: str, options: ActuatorOptions, integrated: bool
+    vehicle: Vehicle, actuator: Actuator, options: ActuatorOptions, integrated: bool
 ) -> list[float]:
     """Lag, limit, rate and power of one channel, for oil and supply; inf where unlimited."""
-    data = vehicle.actuators
-    cold = thickening(options.oil_temperature)
+    channel = actuator.channel(vehicle)
+    cold = thickening(options.oil_temperature) if actuator.hydraulic else 1.0
     power = min(options.supply / NOMINAL_SUPPLY, 1.0)
-    if kind == "suspension":
-        active = data.suspension
-        values = (active.lag * cold, active.force_limit * power, active.force_rate_limit * power)
-        watts = active.power_limit * power
-    elif kind == "bars":
-        bars = data.bars
-        values = (bars.lag * cold, bars.torque_limit * power, bars.torque_rate_limit * power)
-        watts = math.inf
-    elif kind == "dampers":
-        values = (data.dampers.lag, power, math.inf)
-        watts = math.inf
-    else:
-        values = (0.0, math.inf, math.inf)
-        watts = math.inf
-    lag, limit, rate = values
+    limit, rate = _scaled(channel.limit, power), _scaled(channel.rate, power)
     ramp = limit / RAMP_TIME * 1e-3 if math.isfinite(limit) else math.inf
     return [
-        _approach(lag),
+        _approach(channel.lag * cold),
         limit,
         rate * 1e-3,
         min(ramp, rate * 1e-3),
-        watts,
-        vehicle.geometry.half_track_front,
-        vehicle.geometry.half_track_rear,
+        _scaled(channel.power, power),
+        *(axle.half_track for axle in axles(vehicle)),
         1 + options.estimate_error,
         _approach(options.estimate_lag),
-        data.valves.current_limit * power if kind == "valves" else data.dampers.current_limit,
+        actuator.current_limit(vehicle) * (power if actuator.hydraulic else 1.0),
         TORQUE_LOOP_BANDWIDTH,
         float(integrated),
     ]
 
 
 def _check(kind: str, options: ActuatorOptions, timeout_ms: float) -> None:
-    if kind not in KINDS:
-        raise UnknownNameError("actuator", kind, KINDS)
-    if kind == "dampers" and options.oil_temperature != NOMINAL_TEMPERATURE:
-        raise CanrollError("actuators: oil_temperature does not act on dampers: omit it")
+    if kind not in ACTUATORS:
+        raise UnknownNameError("actuator", kind, ACTUATORS)
+    if not ACTUATORS[kind].hydraulic and options.oil_temperature != NOMINAL_TEMPERATURE:
+        raise CanrollError(f"actuators: oil_temperature does not act on {kind}: omit it")
     if abs(options.estimate_error) > 0.2:
         raise CanrollError("actuators: estimate_error must be from -0.2 to 0.2")
     if not timeout_ms > 0:
@@ -218,23 +192,6 @@ def fault_tables(
     return table, value
 
 
-def _roll_moment(
-    vehicle: Vehicle, kind: str
-) -> tuple[tuple[tuple[float, ...], tuple[float, ...]], tuple[float, float]]:
-    """Arms that turn commands by channel into roll moments by axle, and the largest moments, N·m.
-
-    Dampers push no body; valves are judged by the moments they deliver.
-    """
-    data, geometry = vehicle.actuators, vehicle.geometry
-    if kind == "suspension":
-        front, rear = geometry.half_track_front, geometry.half_track_rear
-        most = (2.0 * front * data.suspension.force_limit, 2.0 * rear * data.suspension.force_limit)
-        return ((front, -front, 0.0, 0.0), (0.0, 0.0, rear, -rear)), most
-    if kind == "dampers":
-        return ((0.0,) * 4, (0.0,) * 4), (math.inf, math.inf)
-    return ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)), (data.bars.torque_limit,) * 2
-
-
 def build(
     vehicle: Vehicle,
     kind: str,
@@ -250,21 +207,21 @@ def build(
     ``integrated``: the body includes the electro-hydraulics.
     """
     _check(kind, options, timeout_ms)
+    actuator = ACTUATORS[kind]
     flag = np.zeros(actuator_kernel.N_FLAGS, dtype=np.int64)
-    flag[actuator_kernel.KIND] = KINDS[kind]
+    flag[actuator_kernel.KIND] = actuator.number
     flag[actuator_kernel.ENABLED] = enabled
     flag[actuator_kernel.POWERED] = options.supply >= LOWEST_SUPPLY
     flag[actuator_kernel.COUNTER] = actuator_kernel.NO_COUNTER
     flag[actuator_kernel.TIMEOUT] = round(timeout_ms * 1e6)
     message = np.full((actuator_kernel.MESSAGES, 3), -1, dtype=np.int64)
-    for row, (name, first, channels) in zip(message, COMMANDS[kind], strict=False):
+    for row, (name, first, channels) in zip(message, actuator.commands, strict=False):
         row[:] = codec.message_index(name), codec.signal_index(name, first), channels
     fault, value = fault_tables(options.faults)
-    arm, most = _roll_moment(vehicle, kind)
     return Actuators(
         setting=np.concatenate(
             [
-                _settings(vehicle, kind, options, integrated),
+                _settings(vehicle, actuator, options, integrated),
                 hydraulics.parameters(
                     vehicle.actuators.valves, thickening=thickening(options.oil_temperature)
                 ),
@@ -281,5 +238,10 @@ def build(
         fault=fault,
         fault_value=value,
         supervision=options.supervision,
-        envelope=envelope.build(arm, most, tables or codec.load(), options.supervision),
+        envelope=envelope.build(
+            actuator.arms(vehicle),
+            actuator.most(vehicle),
+            tables or codec.load(),
+            options.supervision,
+        ),
     )

@@ -26,6 +26,7 @@ from plant_sim.world import fault_parts, open_loop, recording
 from plant_sim.world import world_kernel as kernel
 from plant_sim.world.step_size import check_step
 from plant_sim.world.world_kernel import Memory, Parts
+from vehicles.actuators import ACTUATORS
 from vehicles.model import Vehicle
 
 LOG_CAPACITY = 1 << 15
@@ -56,7 +57,7 @@ def check_body(plant: Body, actuator: str) -> None:
     Raises:
         CanrollError: it does not.
     """
-    if "travel" in plant.lacks and actuator != "bars":
+    if "travel" in plant.lacks and ACTUATORS[actuator].uses_travel:
         raise CanrollError(
             f"{plant.name}: {actuator} need the suspension's travel: map travel_front_left and the "
             "others, or choose --actuator bars"

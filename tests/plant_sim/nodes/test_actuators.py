@@ -11,10 +11,12 @@ from scipy import integrate
 import dbc
 import vehicles
 from canroll.errors import CanrollError, UnknownNameError
+from firmware import calibration as fw
 from plant_sim.bodies import ports
 from plant_sim.nodes import actuator_kernel, actuator_models, codec, hydraulics
 from plant_sim.nodes import actuators as actuator_setup
 from plant_sim.nodes.actuators import ActuatorFault, ActuatorOptions
+from vehicles.actuators import ACTUATORS
 
 VEHICLE = vehicles.load("van_real")
 MS = 1_000_000
@@ -576,3 +578,8 @@ def fault(corner="rear_left", kind="weak"):
 def test_impossible_options_are_refused(kind, options, error, text):
     with pytest.raises(error, match=text):
         Rig(kind, **options)
+
+
+def test_kinds_have_the_numbers_of_the_firmware():
+    numbers = {name: getattr(fw, name.upper()) for name in ACTUATORS}
+    assert {name: actuator.number for name, actuator in ACTUATORS.items()} == numbers
