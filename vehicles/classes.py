@@ -101,7 +101,7 @@ CLASSES = {
     "car": VehicleClass(
         title="passenger car",
         base="sedan_320i",
-        front_share=Ratio(0.56, 0.12, f"{MEASURED}, and front-wheel drive"),
+        front_share=Ratio(0.56, 0.12, "estimate: rear-wheel to front-wheel drive"),
         cg_height=Ratio(0.41, 0.07, MEASURED),
         unsprung=Ratio(0.11, 0.15, MEASURED),
         roll_gyration=Ratio(0.285, 0.06, MEASURED),
@@ -135,9 +135,9 @@ CLASSES = {
     "van": VehicleClass(
         title="van",
         base="van_real",
-        front_share=Ratio(0.53, 0.12, f"{MEASURED}, from empty to laden"),
+        front_share=Ratio(0.53, 0.12, "estimate: laden to empty"),
         cg_height=Ratio(0.385, 0.1, MEASURED),
-        unsprung=Ratio(0.13, 0.25, f"{MEASURED}, more with a solid rear axle"),
+        unsprung=Ratio(0.13, 0.25, "estimate: more than a car with a solid rear axle"),
         roll_gyration=Ratio(0.325, 0.08, MEASURED),
         ride_front=Ratio(1.5, 0.2, MEASURED),
         ride_rear=Ratio(1.7, 0.25, MEASURED),

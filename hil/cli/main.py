@@ -99,7 +99,7 @@ TASKS: Mapping[str, tuple[str, ...]] = {
     "simulate": ("run", "compare", "sweep", "report"),
     "design": ("design", "margins", "prove"),
     "assess": ("campaign", "severe", "faults", "attacks", "reproduce"),
-    "characterise a vehicle": ("limit", "understeer", "response"),
+    "characterise a vehicle": ("vehicle", "limit", "understeer", "response"),
     "network": ("bus",),
     "hardware": ("hil", "ecu", "plant", "watch"),
     "export": ("export-c", "export-fmu", "timing"),

@@ -181,6 +181,32 @@ def understeer(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
+def vehicle(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll vehicle``."""
+    parser.description = (
+        "new: write a complete vehicle file from mass and size; what is not given is estimated by "
+        "the class, with its spread. check: show a vehicle beside its class."
+    )
+    parser.add_argument("what", choices=("new", "check"), metavar="ACTION", help="new or check")
+    parser.add_argument("vehicle", metavar="FILE", help="vehicle file; for check also a preset")
+    parser.add_argument("--class", dest="kind", metavar="CLASS", help="car, suv or van")
+    for name, unit, meaning in (
+        ("mass", "KG", "of the vehicle, with driver and load"),
+        ("wheelbase", "M", "distance between the axles"),
+        ("track", "M", "mean of both axles"),
+        ("height", "M", "of the vehicle, from the road to its roof"),
+    ):
+        parser.add_argument(f"--{name}", type=float, metavar=unit, help=meaning)
+    parser.add_argument(
+        "--set",
+        action="append",
+        type=key_value,
+        metavar="RATIO=VALUE",
+        help="a known ratio of the class, such as front_share=0.55; may be repeated",
+    )
+    add_json(parser)
+
+
 def response(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll response``."""
     parser.description = (
@@ -510,6 +536,7 @@ COMMANDS = {
         understeer,
         handler="vehicle_tests:understeer",
     ),
+    "vehicle": Command("a vehicle file from mass and size; a vehicle beside its class", vehicle),
     "response": Command(
         "yaw and roll frequency response to steering (ISO 7401)",
         response,
