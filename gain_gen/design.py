@@ -1,6 +1,6 @@
 """Verified design of a law for a task."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from math import isfinite
 from pathlib import Path
@@ -13,6 +13,7 @@ from gain_gen.analysis.family import Family, FamilyRow, family_of
 from gain_gen.analysis.speed_schedule import UNLIMITED, Speeds, scheduled, speeds_of
 from gain_gen.analysis.verify import holds, verify
 from gain_gen.laws import LAWS, OBSERVERS, WITHOUT_ROLL_RATE
+from gain_gen.laws.declared import COMPUTED, Declared, built_in, declared
 from gain_gen.laws.roll_rate_feedback import static_controller
 from gain_gen.laws.state_feedback import sensor_noise
 from gain_gen.models.controller import Controller
@@ -26,15 +27,6 @@ STEP_DB = 1.0
 STEPS = 40
 """Number of steps after which a law is refused."""
 
-WITHOUT_FEEDFORWARD = ("hinf_delay", "hinf_nodelay", "hinf_event", "lqr_full_car")
-FEEDFORWARD_ALONE = ("ay_feedforward", "plain_feedforward")
-WITH_SHARE = ("steering_lead", "lqg_delay", "hinf")
-"""Laws that are designed for a share of the roll moment."""
-
-PRINTED = ("hinf_delay", "hinf_nodelay", "hinf_event", "lqr", "hinf", "smc")
-"""Laws whose papers print gains."""
-THEOREMS = ("hinf_delay", "hinf_event", "hinf")
-"""Laws whose papers have a theorem of their own, on a 1-DOF model."""
 UNOBSERVED = ("two_sensors", "reference")
 """The default, and what replaces the sensors: these make sense to a law without an observer."""
 
@@ -71,21 +63,9 @@ def design(
     solve = LAWS[law]
     if task.observer not in OBSERVERS:
         raise UnknownNameError("observer", task.observer, OBSERVERS)
-    for gains, having in {"as_printed": PRINTED, "theorem": THEOREMS}.items():
-        if task.gains == gains and law not in having:
-            raise CanrollError(f"--gains {gains}: {law} has none, only {', '.join(having)}")
-    if task.gamma_target < 0.0 or not isfinite(task.gamma_target):
-        raise CanrollError(f"--gamma must be positive, got {task.gamma_target:g}")
-    if task.gamma_target and (law != "hinf_delay" or task.gains != "theorem"):
-        raise CanrollError("--gamma applies to --law hinf_delay --gains theorem only: omit it")
-    if not task.feedforward and law in WITHOUT_FEEDFORWARD:
-        raise CanrollError(f"--no-feedforward: {law} has none; omit it")
-    if not task.feedforward and law in FEEDFORWARD_ALONE:
-        raise CanrollError(f"--no-feedforward: {law} is nothing else; omit it")
-    if task.moment_share is not None and law not in WITH_SHARE:
-        raise CanrollError(
-            f"--moment-share applies to {', '.join(WITH_SHARE)} only: omit it for {law}"
-        )
+    of = declared(solve)
+    for refusal in _refusals(law, of, task):
+        raise CanrollError(refusal)
     if not 0.001 <= task.tick <= 0.020:
         raise CanrollError(f"--tick must be 1 to 20 ms, got {1e3 * task.tick:g}")
     if not 0.0 <= task.delay.least <= task.delay.nominal <= task.delay.most:
@@ -108,10 +88,8 @@ def design(
         raise CanrollError(
             f"--no-feedforward: {law} has one compensator for all and no feedforward apart; omit it"
         )
-    if task.matrices and law != "custom":
-        raise CanrollError(f"--matrices applies to --law custom only: omit it for {law}")
-    of_user = law == "custom" or not LAWS.origin(law).is_built_in
-    own = task.gains != "computed" or of_user
+    of_user = of.matrices or not LAWS.origin(law).is_built_in
+    own = task.gains != COMPUTED or of_user
     speeds = None if own or first.verified_by_law or family.note else speeds_of(task)
     limits = UNLIMITED if speeds is None else speeds.limits(first.controller)
     designed = replace(first, controller=scheduled(first.controller, limits, 1.0))
@@ -130,6 +108,28 @@ def design(
     if task.unverified:
         return _marked(answer)
     raise VerdictError(_refusal(answer, None if detuned is None else detuned[0]))
+
+
+def _refusals(law: str, of: Declared, task: Task) -> Iterator[str]:
+    """Yield the options of a task that a law does not take."""
+    if task.gains not in of.gains:
+        having = built_in(lambda other: task.gains in other.gains)
+        yield f"--gains {task.gains}: {law} has none, only {', '.join(having)}"
+    if task.gamma_target < 0.0 or not isfinite(task.gamma_target):
+        yield f"--gamma must be positive, got {task.gamma_target:g}"
+    if task.gamma_target and not (of.level and task.gains == "theorem"):
+        having = built_in(lambda other: other.level)
+        yield f"--gamma applies to --law {', '.join(having)} --gains theorem only: omit it"
+    if not task.feedforward and of.feedforward == "none":
+        yield f"--no-feedforward: {law} has none; omit it"
+    if not task.feedforward and of.feedforward == "alone":
+        yield f"--no-feedforward: {law} is nothing else; omit it"
+    if task.moment_share is not None and not of.share:
+        having = built_in(lambda other: other.share)
+        yield f"--moment-share applies to {', '.join(having)} only: omit it for {law}"
+    if task.matrices and not of.matrices:
+        having = built_in(lambda other: other.matrices)
+        yield f"--matrices applies to --law {', '.join(having)} only: omit it for {law}"
 
 
 def without_control(task: Task) -> Design:

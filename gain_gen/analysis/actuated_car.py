@@ -5,8 +5,9 @@ from math import pi
 
 import numpy as np
 
-from gain_gen.models.linear_car import INPUTS, OUTPUTS, LinearModel
+from gain_gen.models.linear_car import INPUTS, OUTPUTS
 from gain_gen.models.roll import Matrix, moment_input, state_matrix
+from gain_gen.models.state_space import StateSpace
 from vehicles import GRAVITY, RollModel
 from vehicles.equipment import Sensors
 
@@ -33,7 +34,7 @@ class ActuatedCar:
     measured: Matrix
 
 
-def actuated(car: LinearModel, *, lag: float, sensors: Sensors) -> ActuatedCar:
+def actuated(car: StateSpace, *, lag: float, sensors: Sensors) -> ActuatedCar:
     """Return ``car`` with a first-order actuator and the low-passes of its two inertial sensors.
 
     Args:
@@ -64,10 +65,10 @@ def actuated(car: LinearModel, *, lag: float, sensors: Sensors) -> ActuatedCar:
     return ActuatedCar(a, inputs[:, :1], steering, disturbance, measured)
 
 
-def roll_car(roll: RollModel) -> LinearModel:
+def roll_car(roll: RollModel) -> StateSpace:
     """Return the 1-DOF roll model with the inputs and outputs of a car without lateral motion."""
     b = np.hstack([moment_input(roll), np.zeros((2, 1)), moment_input(roll)])
     c = np.zeros((len(OUTPUTS), 2))
     c[OUTPUTS.index("roll"), 0] = c[OUTPUTS.index("roll_rate"), 1] = 1.0
     c[OUTPUTS.index("imu_lateral"), 0] = GRAVITY
-    return LinearModel(state_matrix(roll), b, c, np.zeros((len(OUTPUTS), 3)), 0.0)
+    return StateSpace(state_matrix(roll), b, c, np.zeros((len(OUTPUTS), 3)))

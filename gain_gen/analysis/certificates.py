@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from gain_gen.models.roll import PERFORMANCE, Matrix, disturbance_input, moment_input, state_matrix
+from gain_gen.models.state_space import resolvent
 from vehicles import RollModel
 
 
@@ -168,10 +169,6 @@ def event_small_gain(plant: LinearPlant, *, gain: float, delay: float) -> float:
     """Return max |1 / (1 − K e^{−sτ} G)|: a constant delay tolerates ε below its inverse."""
     frequencies = np.geomspace(1e-2, 2e3, 20000)
     s = 1j * frequencies
-    n = len(plant.a)
-    columns = np.broadcast_to(plant.b, (len(s), n, 1)).astype(complex)
-    response = plant.c1.astype(complex) @ np.linalg.solve(
-        s[:, None, None] * np.eye(n) - plant.a, columns
-    )
+    response = plant.c1 @ resolvent(plant.a, plant.b, s)
     loop = gain * np.exp(-s * delay) * response[:, 0, 0]
     return float(np.max(np.abs(1.0 / (1.0 - loop))))

@@ -1,14 +1,11 @@
 """Exact analysis of x' = A x + B K x(t − τ): rightmost root, largest delay, H∞ level."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gain_gen.models.roll import Matrix
-
-Complex = NDArray[np.complexfloating[Any, Any]]
+from gain_gen.models.state_space import Complex
 
 
 @dataclass(frozen=True, slots=True)

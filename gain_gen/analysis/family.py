@@ -15,13 +15,11 @@ import numpy as np
 from canroll.errors import CanrollError
 from gain_gen.analysis.actuated_car import ActuatedCar, actuated, roll_car
 from gain_gen.analysis.held_plant import (
-    Complex,
     HeldPlant,
     aliased,
     command_response,
     held,
     opened,
-    resolvent_rows,
 )
 from gain_gen.analysis.margins import (
     Margins,
@@ -31,8 +29,9 @@ from gain_gen.analysis.margins import (
 )
 from gain_gen.analysis.sampled_loop import Loop, spectral_radius
 from gain_gen.models.controller import Controller, at_speed, matrices
-from gain_gen.models.linear_car import LinearModel, linear_car
+from gain_gen.models.linear_car import linear_car
 from gain_gen.models.roll import Matrix, zero_order_hold
+from gain_gen.models.state_space import Complex, StateSpace, resolvent_rows
 from gain_gen.models.task import Delay, Task
 from gain_gen.models.trim import most_lateral_acceleration
 from vehicles import Vehicle
@@ -84,7 +83,7 @@ CONDITIONS = (
 """Conditions on which every design is checked. Low friction changes the car only in a curve."""
 
 
-def car_in(vehicle: Vehicle, condition: Condition) -> LinearModel:
+def car_in(vehicle: Vehicle, condition: Condition) -> StateSpace:
     """Return the linear car of ``vehicle`` in ``condition``; a curve beyond its grip is relaxed.
 
     Raises:
@@ -236,11 +235,7 @@ class Family:
 
     def controller_response(self, controller: Controller) -> Complex:
         """Return the command per reading, (frequencies, 4)."""
-        a, b, c, d = matrices(controller)
-        if not len(a):
-            return np.broadcast_to(d.astype(complex), (len(self.frequencies), 4))
-        z = np.exp(1j * self.frequencies * self.tick)
-        return np.asarray((resolvent_rows(a, c, z) @ b + d)[:, 0], dtype=complex)
+        return StateSpace(*matrices(controller), self.tick).response(self.frequencies)[:, 0]
 
     def margins(self, controller: Controller) -> FamilyMargins:
         """Return gain margin, phase margin and Ms of every member at every delay."""
@@ -361,7 +356,7 @@ def _built(
 def _family(
     vehicle: Vehicle,
     delay: Delay,
-    cars: Mapping[Condition, LinearModel],
+    cars: Mapping[Condition, StateSpace],
     *,
     tick: float,
     lag: float,

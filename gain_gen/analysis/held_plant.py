@@ -5,16 +5,13 @@ the hold and the fractional delay are exact (Åström, Wittenmark 1997, section 
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_continuous_lyapunov
 
 from gain_gen.models.controller import Controller, matrices
 from gain_gen.models.roll import Matrix, zero_order_hold
-
-Complex = NDArray[np.complexfloating[Any, Any]]
+from gain_gen.models.state_space import Complex
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +20,8 @@ class HeldPlant:
 
     Attributes:
         phi: (n, n).
-        fresh: column of the newer of the two commands that act in a tick, (n, 1).
-        stale: column of the older, (n, 1); zero without a delay.
+        fresh: column of the newer of the two commands that act in a tick, (n, inputs).
+        stale: column of the older, (n, inputs); zero without a delay.
         steps: d, ticks of delay rounded up.
         tick: s.
     """
@@ -34,6 +31,20 @@ class HeldPlant:
     stale: Matrix
     steps: int
     tick: float
+
+    def delayed(self) -> tuple[Matrix, Matrix]:
+        """Return A, B with the commands under way as states after the plant's, the oldest first."""
+        n, m = self.fresh.shape
+        size = n + self.steps * m
+        a, b = np.zeros((size, size)), np.zeros((size, m))
+        a[:n, :n] = self.phi
+        newer = b[:n] if self.steps < 2 else a[:n, n + m : n + 2 * m]
+        newer[:] = self.fresh
+        if self.steps:
+            a[:n, n : n + m] = self.stale
+            a[n : size - m, n + m :] = np.eye(size - n - m)
+            b[size - m :] = np.eye(m)
+        return a, b
 
 
 def held(a: Matrix, command: Matrix, *, tick: float, delay: float) -> HeldPlant:
@@ -68,33 +79,14 @@ def opened(
         measured: its inputs as rows on the plant's state, in its order, (4, n).
     """
     ac, bc, cc, dc = matrices(controller)
-    n, lines, m = len(plant.phi), max(plant.steps, 1), len(ac)
-    size = n + lines + m
-    a = np.zeros((size, size))
-    b = np.zeros((size, 1))
-    a[:n, :n] = plant.phi
-    if plant.steps:
-        a[:n, n : n + 1] = plant.stale
-    if plant.steps > 1:
-        a[:n, n + 1 : n + 2] = plant.fresh
-    else:
-        b[:n] = plant.fresh
-    a[n : n + lines - 1, n + 1 : n + lines] = np.eye(lines - 1)
-    b[n + lines - 1] = 1.0
-
-    wide = np.hstack([measured, np.zeros((len(measured), size - n))])
-    c = dc @ wide
-    c[:, n + lines :] += cc
-    a[n + lines :] = bc @ wide
-    a[n + lines :, n + lines :] += ac
+    line, entry = plant.delayed()
+    n, m = len(line), len(ac)
+    a, b, c = np.zeros((n + m, n + m)), np.zeros((n + m, 1)), np.zeros((1, n + m))
+    seen = np.hstack([measured, np.zeros((len(measured), n - len(plant.phi)))])
+    a[:n, :n], b[:n] = line, entry
+    a[n:, :n], a[n:, n:] = bc @ seen, ac
+    c[:, :n], c[:, n:] = dc @ seen, cc
     return a, b, c
-
-
-def resolvent_rows(phi: Matrix, rows: Matrix, z: Complex) -> Complex:
-    """Return C (z − Φ)⁻¹ at every z, (len(z), rows, n)."""
-    shifted = z[:, None, None] * np.eye(len(phi)) - phi.T
-    columns = np.broadcast_to(rows.T.astype(complex), (len(z), *rows.T.shape))
-    return np.asarray(np.linalg.solve(shifted, columns).transpose(0, 2, 1), dtype=complex)
 
 
 def aliased(
@@ -111,7 +103,7 @@ def aliased(
         command: B, (n, 1).
         measured: C, (m, n).
         tick: T, s.
-        rows: C (z − Φ)⁻¹ by :func:`resolvent_rows`, (len(z), m, n).
+        rows: C (z − Φ)⁻¹ by :func:`gain_gen.models.state_space.resolvent_rows`, (len(z), m, n).
         z: e^{jωT}.
 
     Returns:
@@ -125,7 +117,7 @@ def aliased(
 def command_response(plant: HeldPlant, rows: Complex, z: Complex) -> Complex:
     """Return the response to the command at every z, (len(z), rows).
 
-    ``rows`` is what :func:`resolvent_rows` returns for the plant.
+    ``rows`` is what that returns for the plant.
     """
     fresh, stale = (rows @ column for column in (plant.fresh, plant.stale))
     line = z ** -max(plant.steps - 1, 0)

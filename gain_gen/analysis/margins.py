@@ -6,9 +6,9 @@ from math import floor, inf, log10, pi, sqrt
 
 import numpy as np
 
-from gain_gen.analysis.held_plant import Complex
 from gain_gen.analysis.sampled_loop import Loop, loop_gain, spectral_radius
 from gain_gen.models.roll import Matrix
+from gain_gen.models.state_space import Complex
 
 REAL_ENOUGH = 0.05
 """A loop gain whose imaginary part is this share of the real one crosses the axis at ω → 0."""

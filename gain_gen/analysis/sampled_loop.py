@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gain_gen.analysis.delay_system import Complex
-from gain_gen.analysis.held_plant import held, opened, resolvent_rows
+from gain_gen.analysis.held_plant import held, opened
 from gain_gen.models.controller import Controller
 from gain_gen.models.observer import LateralModel
 from gain_gen.models.roll import (
@@ -16,6 +15,7 @@ from gain_gen.models.roll import (
     stationary_covariance,
     zero_order_hold,
 )
+from gain_gen.models.state_space import Complex, resolvent, resolvent_rows
 from vehicles import GRAVITY, RollModel
 
 ROLL, RATE, MOMENT, LATERAL, JERK = range(5)
@@ -128,9 +128,7 @@ def roll_rms(loop: Loop) -> float:
 def loop_gain(loop: Loop, frequencies: Matrix) -> Complex:
     """Return L(e^{jωT}) = −C (z − A)⁻¹ B, negative feedback, at ``frequencies`` in rad/s."""
     z = np.exp(1j * frequencies * loop.tick)
-    shifted = z[:, None, None] * np.eye(len(loop.a)) - loop.a
-    inputs = np.broadcast_to(loop.b, (len(z), *loop.b.shape)).astype(complex)
-    gain = -(loop.c.astype(complex) @ np.linalg.solve(shifted, inputs))
+    gain = -(loop.c @ resolvent(loop.a, loop.b, z))
     return np.asarray(gain[:, 0, 0], dtype=complex)
 
 

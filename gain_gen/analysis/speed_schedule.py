@@ -14,10 +14,10 @@ import numpy as np
 from scipy.linalg import eigh
 
 from gain_gen.analysis.family import NOMINAL, Condition, Family, family
-from gain_gen.analysis.held_plant import Complex
 from gain_gen.analysis.margins import negative_crossings
 from gain_gen.models.controller import SPEEDS, Controller, scaled_controller
 from gain_gen.models.roll import Matrix, stationary_covariance
+from gain_gen.models.state_space import Complex
 from gain_gen.models.task import Task
 
 GAIN_MARGIN_DB = 8.2

@@ -7,9 +7,9 @@ import numpy as np
 
 import dbc
 from gain_gen.analysis.family import Family, Member, car_in
-from gain_gen.analysis.held_plant import Complex
 from gain_gen.models.linear_car import INPUTS, OUTPUTS
 from gain_gen.models.roll import Matrix
+from gain_gen.models.state_space import Complex, resolvent
 from vehicles import Vehicle
 
 STEERING_FREQUENCY = 2.0 * pi * 0.5
@@ -32,14 +32,14 @@ class SteeringResponse:
         weights: weights of the squared magnitudes in a mean square, (m,), normalised to an RMS
             lateral acceleration of 1 m/s² without control.
         readings: controller inputs per road-wheel angle, (m, 4).
-        told: steady lateral acceleration per angle as computed by the ECU from steering, (m,).
+        from_steering: steady lateral acceleration per angle as the ECU computes it, (m,).
         commanded: controller inputs per command, (m, 4).
     """
 
     frequencies: Matrix
     weights: Matrix
     readings: Complex
-    told: Complex
+    from_steering: Complex
     commanded: Complex
 
     def moment(self, feedback: Complex, steering: Complex) -> Complex:
@@ -50,7 +50,7 @@ class SteeringResponse:
             steering: command per lateral acceleration from steering, (m,).
         """
         loop = 1.0 - np.sum(feedback * self.commanded, axis=1)
-        driven = np.sum(feedback * self.readings, axis=1) + steering * self.told
+        driven = np.sum(feedback * self.readings, axis=1) + steering * self.from_steering
         return np.asarray(driven / loop)
 
     def rolled(self, moment: Complex) -> Complex:
@@ -77,11 +77,8 @@ def steering_response(
     slow = family.frequencies <= FASTEST_STEERING
     frequencies = family.frequencies[slow]
     plant = member.plant
-    shifted = 1j * frequencies[:, None, None] * np.eye(len(plant.a)) - plant.a
-    columns = np.broadcast_to(
-        plant.steering.astype(complex), (len(frequencies), *plant.steering.shape)
-    )
-    readings = (plant.measured @ np.linalg.solve(shifted, columns))[:, :, 0]
+    steered = resolvent(plant.a, plant.steering, 1j * frequencies)
+    readings = np.asarray(plant.measured @ steered)[:, :, 0]
     speed = member.condition.speed
     lateral = car_in(vehicle, member.condition).response(frequencies)[
         :, OUTPUTS.index("lateral_acceleration"), INPUTS.index("steering")
@@ -92,5 +89,6 @@ def steering_response(
     )
     weights = np.abs(shape) ** 2 * np.gradient(frequencies)
     weights = weights / np.sum(weights * np.abs(lateral) ** 2)
-    told = vehicle.lateral_gain(speed) * np.exp(-s * STEERING_AGE)
-    return SteeringResponse(frequencies, weights, readings, told, member.commanded(delay)[slow])
+    from_steering = vehicle.lateral_gain(speed) * np.exp(-s * STEERING_AGE)
+    commanded = member.commanded(delay)[slow]
+    return SteeringResponse(frequencies, weights, readings, from_steering, commanded)

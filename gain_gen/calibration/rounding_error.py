@@ -24,6 +24,7 @@ from gain_gen.analysis.verify import passive_controller
 from gain_gen.calibration.dequantise import dequantise
 from gain_gen.models.controller import Controller, matrices, step
 from gain_gen.models.roll import Matrix
+from gain_gen.models.state_space import StateSpace
 from gain_gen.models.task import Check, Design, below
 from vehicles import GRAVITY
 
@@ -62,13 +63,8 @@ def response_error(exact: Controller, quantised: Controller) -> float:
 
 def _response(controller: Controller) -> np.ndarray:
     """Frequency response from the controller's inputs to the moment, (frequencies, inputs)."""
-    a, b, c, d = matrices(controller)
-    z = np.exp(1j * nyquist_grid(controller.tick, 200) * controller.tick)
-    if not len(a):
-        return np.broadcast_to(d.astype(complex), (len(z), 1, 4))[:, 0]
-    columns = np.broadcast_to(b, (len(z), *b.shape)).astype(complex)
-    resolvent = np.linalg.solve(z[:, None, None] * np.eye(len(a)) - a, columns)
-    return np.asarray((c @ resolvent + d)[:, 0])
+    frequencies = nyquist_grid(controller.tick, 200)
+    return StateSpace(*matrices(controller), controller.tick).response(frequencies)[:, 0]
 
 
 def lane_change(tick: float, *, seconds: float = 5.0, peak: float = 5.0) -> Matrix:

@@ -9,6 +9,7 @@ import numpy as np
 from canroll import documents
 from canroll.errors import UNREADABLE, CanrollError, reason
 from gain_gen.laws.compensator import checked, scaled_states
+from gain_gen.laws.declared import law
 from gain_gen.laws.state_feedback import actuator_rate, feedforward_row, observer_of
 from gain_gen.models.controller import Compensator, Controller
 from gain_gen.models.roll import Matrix
@@ -83,6 +84,7 @@ def _read_mat(path: Path) -> dict[str, np.ndarray[Any, Any]]:
         ) from error
 
 
+@law(matrices=True)
 def design_custom(task: Task) -> Solution:
     """Your gains: u = −K [φ, φ'], −K on all five observer states, or a discrete compensator.
 

@@ -7,6 +7,7 @@ from scipy.optimize import minimize
 
 from canroll.errors import VerdictError
 from gain_gen.analysis.certificates import delay_blocks, largest_eigenvalue
+from gain_gen.laws.declared import law
 from gain_gen.laws.lmi import Clock, DelayProgram
 from gain_gen.laws.rate_gain_law import design_rate_gain
 from gain_gen.laws.roll_rate_feedback import (
@@ -24,6 +25,7 @@ PRINTED_DELAY_GAIN = -84.06 * 180.0 / pi
 """Redondo 2021, (60), read as N·m per deg/s: −4816 N·m·s/rad, the only plausible unit."""
 
 
+@law(gains=("computed", "theorem", "as_printed"), feedforward="none", level=True)
 def design_hinf_delay(task: Task) -> Solution:
     """Delay-aware roll-rate feedback in the structure of Redondo 2021.
 

@@ -12,6 +12,7 @@ from gain_gen.analysis.certificates import (
     largest_eigenvalue,
     si_plant,
 )
+from gain_gen.laws.declared import law
 from gain_gen.laws.lmi import Clock
 from gain_gen.laws.lmi_event import EventProgram
 from gain_gen.laws.rate_gain_law import design_rate_gain
@@ -29,6 +30,7 @@ PRINTED_EVENT_GAIN = -13552.53
 """Viadero 2022, section III."""
 
 
+@law(gains=("computed", "theorem", "as_printed"), feedforward="none")
 def design_hinf_event(task: Task) -> Solution:
     """Event-triggered roll-rate feedback in the structure of Viadero 2022.
 

@@ -8,23 +8,18 @@ from canroll.errors import VerdictError
 from gain_gen.laws.lmi import Clock, discrete_h_infinity
 from gain_gen.laws.state_feedback import PRINTED, printed_note, state_feedback
 from gain_gen.laws.state_gains import discrete_plant, yim_weights
-from gain_gen.models.roll import Matrix
+from gain_gen.models.state_space import StateSpace
 from gain_gen.models.task import Solution, Task, below
 
 
-def discrete_level(phi: Matrix, pi_column: Matrix, c: Matrix, tick: float) -> float:
-    """Return max σ[C (e^{jωT} − Φ)⁻¹ Π] on a refined frequency grid; infinite if unstable."""
-    if np.abs(np.linalg.eigvals(phi)).max() >= 1.0:
-        return float("inf")
-    grid = np.concatenate([[0.0], np.geomspace(1e-3, pi / tick, 2000)])
+def discrete_level(system: StateSpace) -> float:
+    """Return the largest singular value of the response on a refined frequency grid."""
+    grid = np.concatenate([[0.0], np.geomspace(1e-3, pi / system.tick, 2000)])
     level = 0.0
     for _ in range(3):
-        z = np.exp(1j * grid * tick)[:, None, None]
-        columns = np.broadcast_to(pi_column, (len(grid), *pi_column.shape)).astype(complex)
-        response = c.astype(complex) @ np.linalg.solve(z * np.eye(len(phi)) - phi, columns)
-        sigma = np.linalg.norm(response, 2, axis=(1, 2))
-        peak = int(np.argmax(sigma))
-        level = float(sigma[peak])
+        gains = system.gains(grid)
+        peak = int(np.argmax(gains))
+        level = float(gains[peak])
         grid = np.linspace(grid[max(peak - 1, 0)], grid[min(peak + 1, len(grid) - 1)], 101)
     return level
 
@@ -54,9 +49,8 @@ def design_state_hinf(task: Task) -> Solution:
             f"hinf for {task.vehicle.name}: the solver found no gain; check the weights"
         )
     scaled_gain = -found.y @ np.linalg.inv(found.p)
-    level = discrete_level(
-        scaled_phi - scaled_gamma @ scaled_gain, scaled_lateral, c - d @ scaled_gain, task.tick
-    )
+    closed, shown = scaled_phi - scaled_gamma @ scaled_gain, c - d @ scaled_gain
+    level = discrete_level(StateSpace(closed, scaled_lateral, shown, np.zeros((3, 1)), task.tick))
     gain = scaled_gain * weights.moment / scale
     return Solution(
         state_feedback(task, gain),

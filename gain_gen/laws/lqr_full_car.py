@@ -6,7 +6,9 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from canroll.errors import CanrollError, VerdictError
+from gain_gen.analysis.held_plant import HeldPlant
 from gain_gen.laws.compensator import scaled_states
+from gain_gen.laws.declared import law
 from gain_gen.laws.state_feedback import observer_of
 from gain_gen.laws.state_gains import riccati_gain
 from gain_gen.models.controller import Compensator, Controller, matrices
@@ -17,13 +19,12 @@ from gain_gen.models.full_car import (
     SPEED,
     STEER,
     FullCarModel,
-    balanced,
     car_of,
     full_car_model,
-    truncated,
     weights,
 )
 from gain_gen.models.roll import Matrix, stationary_covariance, zero_order_hold
+from gain_gen.models.state_space import StateSpace
 from gain_gen.models.task import Check, Solution, Task, above, below
 
 STEER_CORNER = 3.0
@@ -86,13 +87,15 @@ def compensator_in_full(car: SampledCar, gain: Matrix, task: Task) -> Compensato
     )
 
 
-def reduced(full: Compensator, order: int) -> Compensator:
+def reduced(full: Compensator, order: int, tick: float) -> Compensator:
     """Return the compensator with ``order`` states, by balancing from (y, u) to u."""
     # inputs and outputs in sizes of equal importance: deg/s, 0.1 m/s², A
     size = np.array([1.0, 0.02, 0.1, 1.0])
-    a, b, c, _ = balanced(full.a, np.hstack([full.b * size, full.e]), full.c)
-    a, b, c = truncated(a, b, c, order)
-    return Compensator(a=a, b=b[:, :4] / size, e=b[:, 4:], c=c, d=full.d)
+    both = np.hstack([full.b * size, full.e])
+    system = StateSpace(full.a, both, full.c, np.zeros((2, 6)), tick).balanced()[0].truncated(order)
+    return Compensator(
+        a=system.a, b=system.b[:, :4] / size, e=system.b[:, 4:], c=system.c, d=full.d
+    )
 
 
 def closed_loop(car: SampledCar, controller: Controller, delay: float) -> tuple[Matrix, Matrix]:
@@ -102,24 +105,13 @@ def closed_loop(car: SampledCar, controller: Controller, delay: float) -> tuple[
     """
     steps = max(0, int(np.ceil(delay / controller.tick - 1e-9)))
     ac, bc, cc, dc = matrices(controller, summed=False)
-    n, m = len(car.phi), len(ac)
-    lines = 2 * steps
-    size = n + lines + m
-    a = np.zeros((size, size))
-    a[:n, :n] = car.phi
-    command = np.zeros((2, size))
-    command[:, :n] = dc @ car.outputs
-    command[:, n + lines :] = cc
-    command /= MILLI
-    if steps:
-        a[:n, n : n + 2] = car.gamma
-        a[n : n + lines - 2, n + 2 : n + lines] = np.eye(lines - 2)
-        a[n + lines - 2 : n + lines] = command
-    else:
-        a[:n] += car.gamma @ command
-    a[n + lines :, :n] = bc @ car.outputs
-    a[n + lines :, n + lines :] = ac
-    return a, np.vstack([car.noise, np.zeros((size - n, 1))])
+    nothing = np.zeros_like(car.gamma)
+    columns = (nothing, car.gamma) if steps else (car.gamma, nothing)
+    line, entry = HeldPlant(car.phi, *columns, steps, controller.tick).delayed()
+    seen = np.hstack([car.outputs, np.zeros((len(car.outputs), len(line) - len(car.phi)))])
+    entry = entry / MILLI
+    a = np.block([[line + entry @ dc @ seen, entry @ cc], [bc @ seen, ac]])
+    return a, np.vstack([car.noise, np.zeros((len(a) - len(car.phi), 1))])
 
 
 def rolling(a: Matrix, noise: Matrix, row: Matrix) -> float:
@@ -131,6 +123,7 @@ def rolling(a: Matrix, noise: Matrix, row: Matrix) -> float:
     return float(np.sqrt(wide @ covariance @ wide))
 
 
+@law(feedforward="none")
 def design_lqr_full_car(task: Task) -> Solution:
     """Full-car LQR of Vu 2020 as a compensator from the inertial sensors, valve currents out.
 
@@ -165,7 +158,7 @@ def design_lqr_full_car(task: Task) -> Solution:
     chosen: Controller | None = None
     kept = 0.0
     for order in ORDERS:
-        candidate = _in_milliampere(reduced(full, order))
+        candidate = _in_milliampere(reduced(full, order, task.tick))
         controller = replace(base, compensator=scaled_states(candidate, task.tick))
         active = rolling(*closed_loop(car, controller, task.delay.most), roll)
         share = (passive - active) / (passive - ideal) if np.isfinite(active) else float("-inf")

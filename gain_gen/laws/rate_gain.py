@@ -12,10 +12,10 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from gain_gen.analysis.family import Family, Member
-from gain_gen.analysis.held_plant import Complex
 from gain_gen.analysis.margins import negative_crossings
 from gain_gen.analysis.verify import GAIN_MARGIN_DB, PEAK_SENSITIVITY
 from gain_gen.models.controller import Y_RATE, Y_ROLL
+from gain_gen.models.state_space import Complex
 
 INSIDE = 0.99
 """Share of the largest gain that has the margins: the checks interpolate between frequencies."""

@@ -8,6 +8,7 @@ from scipy.optimize import minimize_scalar
 
 from gain_gen.analysis.certificates import LinearPlant, bounded_real_block, largest_eigenvalue
 from gain_gen.analysis.delay_system import h_infinity, largest_delay, rightmost_root
+from gain_gen.laws.declared import law
 from gain_gen.laws.state_feedback import (
     FEEDFORWARD_SHARE,
     actuator_rate,
@@ -127,6 +128,7 @@ def normalised_plant(plant: NormalisedPlant) -> LinearPlant:
     return LinearPlant(plant.a, plant.b, plant.b_disturbance, plant.performance, ROLL_RATE)
 
 
+@law(gains=("computed", "as_printed"), feedforward="none")
 def design_hinf_nodelay(task: Task) -> Solution:
     """Roll-rate feedback without regard to the delay (Redondo 2021, (52)), its poles bounded."""
     model = task.vehicle.design

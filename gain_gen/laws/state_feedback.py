@@ -6,6 +6,7 @@ from math import exp, pi, sqrt
 import numpy as np
 
 from gain_gen.laws import WITHOUT_ROLL_RATE
+from gain_gen.laws.declared import law
 from gain_gen.laws.state_gains import (
     disturbance_feedforward,
     lqr,
@@ -92,6 +93,7 @@ def printed_note(law: str) -> str:
     )
 
 
+@law(gains=("computed", "as_printed"))
 def design_lqr(task: Task) -> Solution:
     """Discrete LQR with Bryson weights (Yim 2020, (7)–(10)) and disturbance feedforward (21)."""
     if task.gains == "as_printed":
@@ -102,6 +104,7 @@ def design_lqr(task: Task) -> Solution:
     return Solution(state_feedback(task, lqr(model, task.tick, yim_weights(model))))
 
 
+@law(gains=("computed", "as_printed"))
 def design_smc(task: Task) -> Solution:
     """Discrete sliding mode on s = 10 φ + φ' with α = 0.5 (Yim 2020, (14)–(18))."""
     if task.gains == "as_printed":
@@ -112,11 +115,13 @@ def design_smc(task: Task) -> Solution:
     return Solution(state_feedback(task, gain), extra={"alpha": SMC_ALPHA})
 
 
+@law(feedforward="alone")
 def design_ay_feedforward(task: Task) -> Solution:
     """u = −β m h â_y, predicted over the delay by the observer's model: no feedback."""
     return _share_of_lateral(task, predict_steps=min(32, round(task.delay.nominal / task.tick)))
 
 
+@law(feedforward="alone")
 def design_plain_feedforward(task: Task) -> Solution:
     """u = −β m h â_y on the observer's filtered lateral acceleration, without prediction.
 

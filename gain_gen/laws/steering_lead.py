@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 from math import exp, pi, sqrt
 
 import numpy as np
-from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
 
 from gain_gen.analysis.family import NOMINAL, Family, car_in, family_of
-from gain_gen.analysis.held_plant import Complex
 from gain_gen.analysis.steering_response import SteeringResponse, steering_response
 from gain_gen.laws.compensator import scaled_states
+from gain_gen.laws.declared import law
 from gain_gen.laws.state_feedback import actuator_rate, observer_of
 from gain_gen.models.controller import (
     S_LATERAL,
@@ -33,8 +32,8 @@ from gain_gen.models.controller import (
     Controller,
 )
 from gain_gen.models.linear_car import INPUTS, OUTPUTS
-from gain_gen.models.reduction import reduced
 from gain_gen.models.roll import Matrix, zero_order_hold
+from gain_gen.models.state_space import Complex, StateSpace, resolvent
 from gain_gen.models.task import Solution, Task
 from vehicles import Vehicle
 
@@ -60,37 +59,21 @@ LONGEST_HORIZON = 0.4
 """s."""
 
 
-@dataclass(frozen=True, slots=True)
-class SteeringModel:
-    """Lateral acceleration y from its steady value a at the angle: x' = A x + B a, y = C x + D a.
+class SteeringModel(StateSpace):
+    """Lateral acceleration y from its steady value u at the angle, continuous, one of each."""
 
-    Attributes:
-        a: (n, n).
-        b: (n, 1).
-        c: (1, n).
-        d: (1, 1).
-    """
-
-    a: Matrix
-    b: Matrix
-    c: Matrix
-    d: Matrix
+    __slots__ = ()
 
     def lead(self, horizon: float) -> tuple[Matrix, Matrix]:
         """Return c (1, n), d (1, 1) of y(t + τ) − y(t) = c x + d a, the steering held meanwhile."""
-        n = len(self.a)
-        block = np.zeros((n + 1, n + 1))
-        block[:n, :n], block[:n, n:] = self.a, self.b
-        ahead = expm(horizon * block)
-        return self.c @ ahead[:n, :n] - self.c, self.c @ ahead[:n, n:]
+        ahead, steered = zero_order_hold(self.a, self.b, horizon)
+        return self.c @ ahead - self.c, self.c @ steered
 
     def leading(self, horizon: float, z: Complex, tick: float) -> Complex:
         """Return the response of that lead at the tick, (len(z),)."""
         phi, gamma = zero_order_hold(self.a, self.b, tick)
         c, d = self.lead(horizon)
-        shifted = z[:, None, None] * np.eye(len(phi)) - phi
-        columns = np.broadcast_to(gamma.astype(complex), (len(z), *gamma.shape))
-        return np.asarray((c @ np.linalg.solve(shifted, columns) + d)[:, 0, 0], dtype=complex)
+        return np.asarray((c @ resolvent(phi, gamma, z) + d)[:, 0, 0], dtype=complex)
 
 
 def steering_model(vehicle: Vehicle) -> SteeringModel:
@@ -102,7 +85,8 @@ def steering_model(vehicle: Vehicle) -> SteeringModel:
     steering, lateral = INPUTS.index("steering"), OUTPUTS.index("lateral_acceleration")
     inputs, outputs = np.zeros(len(INPUTS)), np.full(len(OUTPUTS), np.inf)
     inputs[steering], outputs[lateral] = 0.02, 2.0
-    car = reduced(car_in(vehicle, NOMINAL), MODEL_ORDER, inputs=inputs, outputs=outputs)
+    balanced = car_in(vehicle, NOMINAL).balanced(inputs, outputs)[0]
+    car = balanced.residualised(MODEL_ORDER)
     b, c, d = car.b[:, [steering]], car.c[[lateral]], car.d[[lateral]][:, [steering]]
     steady = float((d - c @ np.linalg.solve(car.a, b))[0, 0])
     return SteeringModel(car.a, b / steady, c, d / steady)
@@ -279,6 +263,7 @@ def steered_cars(task: Task, family: Family, model: SteeringModel) -> SteeredCar
     return SteeredCars(responses, model, z, task.tick)
 
 
+@law(share=True)
 def design_steering_lead(task: Task) -> Solution:
     """a_y feedforward with steering lead over the delay, and a little roll-rate feedback.
 

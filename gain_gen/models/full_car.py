@@ -3,45 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cholesky, solve_continuous_are, svd
+from scipy.linalg import solve_continuous_are
 
-from gain_gen.models.roll import Matrix, stationary_covariance
+from gain_gen.models.roll import Matrix
+from gain_gen.models.state_space import resolvent
 from vehicles import GRAVITY, Vehicle
 from vehicles.full_car import INPUTS, REPAIRED, STATES, FullCar, from_vehicle, state_matrices
-
-
-def balanced(a: Matrix, b: Matrix, c: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """Return A, B, C in balanced coordinates and the Hankel singular values, descending.
-
-    Square-root method (Tombs, Postlethwaite 1987) on a stable system.
-
-    Raises:
-        ValueError: the system is not stable.
-    """
-    if np.abs(np.linalg.eigvals(a)).max() >= 1.0:
-        raise ValueError("only a stable system can be balanced")
-    reach = _root(stationary_covariance(a, b @ b.T))
-    observe = _root(stationary_covariance(a.T, c.T @ c))
-    left, values, right = svd(observe.T @ reach)
-    keep = values > 1e-12 * values[0]
-    inverse_root = 1.0 / np.sqrt(values[keep])
-    into = reach @ right.T[:, keep] * inverse_root
-    out = (observe @ left[:, keep] * inverse_root).T
-    return out @ a @ into, out @ b, c @ into, values[keep]
-
-
-def _root(gramian: Matrix) -> Matrix:
-    """Return L with L L' = the Gramian, kept positive definite by a small multiple of identity."""
-    symmetric = 0.5 * (gramian + gramian.T)
-    size = float(np.trace(symmetric)) / len(symmetric)
-    root: Matrix = cholesky(symmetric + 1e-13 * size * np.eye(len(symmetric)), lower=True)
-    return root
-
-
-def truncated(a: Matrix, b: Matrix, c: Matrix, order: int) -> tuple[Matrix, Matrix, Matrix]:
-    """Return the first ``order`` states of a balanced system, which remain stable."""
-    return a[:order, :order], b[:order], c[:, :order]
-
 
 SPEED = 70.0 / 3.6
 """Speed of the paper's frequency responses, m/s."""
@@ -177,11 +144,9 @@ def reduction_db(
     model: FullCarModel, closed: Matrix, state: int, *, frequency: float = 1.0
 ) -> float:
     """Return the reduction of the response of ``state`` to steering at ``frequency``, dB."""
-    identity = 1j * frequency * np.eye(len(model.a))
-    column = model.b[:, STEER]
-    before = np.linalg.solve(identity - model.a, column)[state]
-    after = np.linalg.solve(identity - closed, column)[state]
-    return float(20.0 * np.log10(abs(before) / abs(after)))
+    point, column = np.array([1j * frequency]), model.b[:, [STEER]]
+    before, after = (abs(resolvent(a, column, point)[0, state, 0]) for a in (model.a, closed))
+    return float(20.0 * np.log10(before / after))
 
 
 def reductions(model: FullCarModel, gain: Matrix, b: Matrix) -> dict[str, float]:

@@ -23,11 +23,9 @@ Active suspension and active bars are the same here: one moment on the body, its
 wheels.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from gain_gen.models.roll import Matrix
+from gain_gen.models.state_space import StateSpace
 from gain_gen.models.trim import steady_curve
 from vehicles import GRAVITY, Vehicle
 from vehicles.axles import axles
@@ -51,31 +49,6 @@ _MOMENT, _STEER, _DISTURBANCE = (len(STATES) + i for i in range(len(INPUTS)))
 _WIDTH = len(STATES) + len(INPUTS)
 
 
-@dataclass(frozen=True, slots=True)
-class LinearModel:
-    """x' = A x + B u, y = C x + D u with :data:`INPUTS` and :data:`OUTPUTS` as u and y.
-
-    Attributes:
-        a: (n, n); the ten :data:`STATES` unless it is reduced.
-        b: (n, 3).
-        c: (5, n).
-        d: (5, 3).
-        speed: m/s.
-    """
-
-    a: Matrix
-    b: Matrix
-    c: Matrix
-    d: Matrix
-    speed: float
-
-    def response(self, frequencies: Matrix) -> Matrix:
-        """Return C (jω − A)⁻¹ B + D at ``frequencies`` in rad/s, (frequencies, 5, 3), complex."""
-        shifted = 1j * frequencies[:, None, None] * np.eye(len(self.a)) - self.a
-        inputs = np.broadcast_to(self.b.astype(complex), (len(frequencies), *self.b.shape))
-        return np.asarray(self.c @ np.linalg.solve(shifted, inputs) + self.d)
-
-
 def linear_car(
     vehicle: Vehicle,
     speed: float,
@@ -83,8 +56,10 @@ def linear_car(
     lateral_acceleration: float = 0.0,
     friction: float = 1.0,
     front_share: float | None = None,
-) -> LinearModel:
+) -> StateSpace:
     """Return the car of the vehicle file, linear about straight running or a steady curve.
+
+    Its states are :data:`STATES`, its inputs and outputs :data:`INPUTS` and :data:`OUTPUTS`.
 
     Args:
         vehicle: its ``plant`` part and all others; see :func:`vehicles.unladen.unladen`.
@@ -160,4 +135,4 @@ def linear_car(
     of_cg = momentum @ rates / vehicle.total_mass + turning
     outputs = np.stack([unit[_ROLL_RATE], sensed, unit[_ROLL], unit[_YAW], of_cg])
     n = len(STATES)
-    return LinearModel(rows[:, :n], rows[:, n:], outputs[:, :n], outputs[:, n:], speed)
+    return StateSpace(rows[:, :n], rows[:, n:], outputs[:, :n], outputs[:, n:])

@@ -92,15 +92,8 @@ def driven_car(task: Task, family: Family) -> DrivenCar:
 
     pure = max(family.delays[len(family.delays) // 2] - family.members[0].filtered, 0.0)
     sampled = held(a, entering, tick=tick, delay=pure)
+    whole, command = sampled.delayed()
     lines = sampled.steps
-    whole, command = np.zeros((size + lines, size + lines)), np.zeros((size + lines, 1))
-    whole[:size, :size] = sampled.phi
-    newer = command[:size] if lines < 2 else whole[:size, size + 1 : size + 2]
-    newer[:] = sampled.fresh
-    if lines:
-        whole[:size, size : size + 1] = sampled.stale
-        whole[size:-1, size + 1 :] = np.eye(lines - 1)
-        command[-1] = 1.0
     driven = np.zeros((size + lines, 3))
     # white noise over a tick acts almost as its mean held: the car moves slowly against the tick
     driven[:size] = zero_order_hold(a, noise, tick)[1] / sqrt(tick)

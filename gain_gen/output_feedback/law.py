@@ -15,8 +15,8 @@ from scipy.linalg import solve_discrete_are
 from canroll.errors import VerdictError
 from firmware.calibration import N_ORDER
 from gain_gen.analysis.family import family_of
-from gain_gen.analysis.held_plant import resolvent_rows
 from gain_gen.analysis.steering_response import SteeringResponse, steering_response
+from gain_gen.laws.declared import law
 from gain_gen.laws.hinf_state import design_state_hinf
 from gain_gen.laws.state_feedback import actuator_rate, observer_of
 from gain_gen.laws.state_gains import riccati_gain
@@ -31,9 +31,10 @@ from gain_gen.models.controller import (
     Controller,
 )
 from gain_gen.models.roll import Matrix
+from gain_gen.models.state_space import StateSpace, resolvent_rows
 from gain_gen.models.task import Solution, Task, below
 from gain_gen.output_feedback.driven_car import DrivenCar, driven_car
-from gain_gen.output_feedback.dynamic import Dynamic, compensator, residualised
+from gain_gen.output_feedback.dynamic import compensator, residualised
 from gain_gen.output_feedback.hinf import closed_level, hinf, weighted
 
 LIGHTEST, HEAVIEST = log(0.05), log(20.0)
@@ -46,9 +47,10 @@ HEAVIER_STEPS = 25
 SHORT = 0.02
 """Shortfall of the effort, as a fraction, up to which no note is given."""
 
-Synthesise = Callable[[DrivenCar, float], Dynamic | None]
+Synthesise = Callable[[DrivenCar, float], StateSpace | None]
 
 
+@law(share=True)
 def design_lqg_delay(task: Task) -> Solution:
     """LQG on the car with its driver and exact delay, reduced to the ECU's compensator.
 
@@ -59,6 +61,7 @@ def design_lqg_delay(task: Task) -> Solution:
     return _designed("lqg_delay", task, lqg)
 
 
+@law(gains=("computed", "theorem", "as_printed"), share=True)
 def design_hinf(task: Task) -> Solution:
     """H∞ output feedback on the car with its driver and exact delay; of a paper: state feedback.
 
@@ -69,7 +72,7 @@ def design_hinf(task: Task) -> Solution:
     if task.gains != "computed":
         return design_state_hinf(task)
 
-    def central(car: DrivenCar, weight: float) -> Dynamic | None:
+    def central(car: DrivenCar, weight: float) -> StateSpace | None:
         found = hinf(car, weight)
         return None if found is None else found.controller
 
@@ -105,7 +108,7 @@ def _designed(law: str, task: Task, synthesise: Synthesise) -> Solution:
 
     def at(relative: float) -> Compensator | None:
         found = synthesise(car, relative * unit)
-        return compensator(found, car.tick) if found is not None and found.stable else None
+        return compensator(found) if found is not None and found.stable else None
 
     relative, own = _of_effort(wanted * arm, response, at, task.tick)
     for _ in range(HEAVIER_STEPS):
@@ -170,7 +173,7 @@ def _unit_weight(car: DrivenCar) -> float:
     return abs(float((car.rolled @ steady)[0, 0]))
 
 
-def lqg(car: DrivenCar, weight: float) -> Dynamic:
+def lqg(car: DrivenCar, weight: float) -> StateSpace:
     """Return the controller that minimises roll, roll rate and the command with ``weight``.
 
     Args:
@@ -181,7 +184,8 @@ def lqg(car: DrivenCar, weight: float) -> Dynamic:
     corrected = kalman_gain(car)
     left = np.eye(len(car.a)) - corrected @ car.measured
     following = car.a - car.command @ gain
-    return Dynamic(following @ left, following @ corrected, -gain @ left, -gain @ corrected)
+    a, b = following @ left, following @ corrected
+    return StateSpace(a, b, -gain @ left, -gain @ corrected, car.tick)
 
 
 def kalman_gain(car: DrivenCar) -> Matrix:

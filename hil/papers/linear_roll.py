@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from canroll.typing import Vector
-from gain_gen.design import THEOREMS
+from gain_gen.laws.declared import built_in
 from hil.papers.paper_table import Section, Value, digits, finite, printed
 from hil.runs.experiment import plan
 from hil.runs.result import Result
@@ -73,12 +73,13 @@ def design_numbers(paper: str, common: Mapping[str, Any], laws: Sequence[str], w
         laws: names.
         why: what the printed gains are read as, and why they differ.
     """
+    theorems = built_in(lambda declared: "theorem" in declared.gains)
     level = printed(paper).get("gamma_squared")
     rows: list[dict[str, Value]] = []
     for law in laws:
         row: dict[str, Value] = {"law": law}
         for column in ("as_printed", "computed"):
-            gains = "theorem" if column == "computed" and law in THEOREMS else column
+            gains = "theorem" if column == "computed" and law in theorems else column
             keywords = {**common, "law": law, "gains": gains}
             _, controller = plan("double_lane_change", **keywords)
             margins = controller.tables["margins"]

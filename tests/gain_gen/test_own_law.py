@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import vehicles
-from canroll.errors import VerdictError
+from canroll.errors import CanrollError, VerdictError
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import calibrate, summary
 from gain_gen.design import design
-from gain_gen.laws import LAWS
+from gain_gen.laws import LAWS, declared
 from gain_gen.models.task import Delay, Task
 
 GAINS = [60_000.0, 9_000.0]
@@ -69,6 +69,23 @@ def test_unverified_it_is_written_as_given_with_what_it_fails(own, tmp_path):
     assert any("gain margin is" in text for text in loaded.tables["design"]["failed"])
     assert loaded.warnings[0].startswith("NOT VERIFIED: ")
     assert "gain margin is" in loaded.warnings[0]
+
+
+def test_a_law_takes_the_options_that_it_declares(tmp_path, monkeypatch):
+    monkeypatch.setattr(LAWS, "_loaded", dict(LAWS._loaded))
+    plain, sharing = PYTHON, PYTHON.replace("def law", "@declared.law(share=True)\ndef law")
+    for name, text in (("plain", plain), ("sharing", sharing)):
+        (tmp_path / f"{name}.py").write_text("from gain_gen.laws import declared\n" + text)
+    task = slow_bus(moment_share=0.3, unverified=True)
+    with pytest.raises(CanrollError, match="--moment-share applies to steering_lead, lqg_delay"):
+        design(f"{tmp_path}/plain.py:law", task)
+    assert design(f"{tmp_path}/sharing.py:law", task).task.moment_share == 0.3
+
+
+@pytest.mark.parametrize("options", [{"shares": True}, {"feedforward": "both"}])
+def test_a_law_cannot_declare_what_there_is_not(options):
+    with pytest.raises(CanrollError):
+        declared.law(**options)
 
 
 def test_the_matrices_are_shown_as_given(tmp_path):

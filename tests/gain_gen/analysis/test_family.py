@@ -17,7 +17,7 @@ from gain_gen.laws.roll_rate_feedback import static_controller
 from gain_gen.laws.state_feedback import actuator_rate, observer_of
 from gain_gen.laws.state_gains import riccati_gain
 from gain_gen.models.controller import Controller
-from gain_gen.models.linear_car import LinearModel
+from gain_gen.models.state_space import StateSpace
 from gain_gen.models.task import Delay, Task
 from plant_sim import bodies
 from plant_sim.bodies import ports
@@ -78,7 +78,7 @@ def of_plant(vehicle, speed, *, lateral_acceleration=0.0, friction=1.0):
     ]
     inputs[ports.STEER, 1] = 1.0
     rows = [ports.ROLL_RATE, IMU_LATERAL_ACCELERATION, ports.ROLL, ports.YAW_RATE, ports.AY]
-    return LinearModel(plant.a, plant.b @ inputs, plant.c[rows], plant.d[rows] @ inputs, speed)
+    return StateSpace(plant.a, plant.b @ inputs, plant.c[rows], plant.d[rows] @ inputs)
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,10 @@ from scipy.linalg import expm
 
 import vehicles
 from gain_gen.analysis.family import family_of
-from gain_gen.analysis.held_plant import aliased, command_response, held, resolvent_rows
+from gain_gen.analysis.held_plant import aliased, command_response, held
 from gain_gen.analysis.margins import jitter_level
 from gain_gen.laws.roll_rate_feedback import static_controller
+from gain_gen.models.state_space import resolvent_rows
 from gain_gen.models.task import Delay, Task
 
 TICK = 0.3

@@ -23,6 +23,7 @@ from gain_gen.laws.lmi_event import EventProgram, fixed_lyapunov_certificate
 from gain_gen.laws.roll_rate_feedback import design_hinf_nodelay, exact_gamma, exact_optimum
 from gain_gen.laws.state_gains import discrete_plant, yim_weights
 from gain_gen.models.roll import ROLL_RATE, normalise
+from gain_gen.models.state_space import StateSpace
 from gain_gen.models.task import Delay, Task
 from vehicles import load
 
@@ -165,8 +166,9 @@ def test_discrete_hinf_agrees_with_a_riccati_bisection():
 
 def test_discrete_level_of_a_pure_delay_line():
     """z⁻¹ has level one everywhere; an unstable matrix has none."""
-    assert discrete_level(np.zeros((1, 1)), np.eye(1), np.eye(1), 0.01) == pytest.approx(1.0)
-    assert discrete_level(np.array([[1.1]]), np.eye(1), np.eye(1), 0.01) == np.inf
+    one, none = np.eye(1), np.zeros((1, 1))
+    assert discrete_level(StateSpace(none, one, one, none, 0.01)) == pytest.approx(1.0)
+    assert discrete_level(StateSpace(1.1 * one, one, one, none, 0.01)) == np.inf
 
 
 def test_delay_unaware_baseline_is_bounded_and_says_why(van):

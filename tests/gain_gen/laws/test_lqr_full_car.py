@@ -16,14 +16,13 @@ from gain_gen.models.full_car import (
     ROLL,
     SPEED,
     STEER,
-    balanced,
     full_car_model,
     ideal_gain,
     reduction_db,
-    truncated,
     weights,
 )
 from gain_gen.models.roll import stationary_covariance, zero_order_hold
+from gain_gen.models.state_space import StateSpace
 from gain_gen.models.task import Delay, Task
 from vehicles import load
 from vehicles.full_car import AS_PRINTED, REPAIRED
@@ -48,9 +47,9 @@ def random_system(seed, n=8):
 @pytest.mark.parametrize("seed", range(4))
 def test_balanced_coordinates_have_equal_diagonal_gramians(seed):
     a, b, c = random_system(seed)
-    ab, bb, cb, values = balanced(a, b, c)
-    reach = stationary_covariance(ab, bb @ bb.T)
-    observe = stationary_covariance(ab.T, cb.T @ cb)
+    even, values = StateSpace(a, b, c, np.zeros((2, 2)), 1.0).balanced()
+    reach = stationary_covariance(even.a, even.b @ even.b.T)
+    observe = stationary_covariance(even.a.T, even.c.T @ even.c)
     np.testing.assert_allclose(reach, np.diag(values), atol=1e-6 * values[0])
     np.testing.assert_allclose(observe, np.diag(values), atol=1e-6 * values[0])
     expected = np.sqrt(
@@ -62,18 +61,15 @@ def test_balanced_coordinates_have_equal_diagonal_gramians(seed):
 def test_truncation_keeps_within_twice_the_tail():
     """Glover's bound: the error is at most twice the sum of the values left out."""
     a, b, c = random_system(7)
-    ab, bb, cb, values = balanced(a, b, c)
-    ar, br, cr = truncated(ab, bb, cb, 4)
-    worst = 0.0
-    for angle in np.linspace(0.0, np.pi, 400):
-        z = np.exp(1j * angle)
-        full = c @ np.linalg.solve(z * np.eye(8) - a, b)
-        less = cr @ np.linalg.solve(z * np.eye(4) - ar, br)
-        worst = max(worst, np.linalg.norm(full - less, 2))
+    even, values = StateSpace(a, b, c, np.zeros((2, 2)), 1.0).balanced()
+    angles = np.linspace(0.0, np.pi, 400)
+    errors = StateSpace(a, b, c, np.zeros((2, 2)), 1.0).response(angles)
+    errors -= even.truncated(4).response(angles)
+    worst = np.linalg.norm(errors, 2, axis=(1, 2)).max()
     assert worst <= 2.0 * values[4:].sum() * (1 + 1e-6)
     assert worst > 0.0
     with pytest.raises(ValueError, match="stable"):
-        balanced(np.array([[1.01]]), np.eye(1), np.eye(1))
+        StateSpace(1.01 * np.eye(1), *[np.eye(1)] * 3, 1.0).balanced()
 
 
 def test_stationary_covariance_agrees_with_python_control_near_the_edge():

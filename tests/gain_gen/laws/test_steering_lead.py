@@ -45,7 +45,7 @@ def test_the_steering_leads_the_ten_state_car_by_the_horizon():
     ticks = np.arange(0.0, 1.8, TICK)
     inputs = np.zeros((4, len(ticks)))
     # the tick holds the angle for half a period on the average
-    inputs[S_STEERING] = vehicle.lateral_gain(car.speed) * ramp_and_hold(ticks + 0.5 * TICK)
+    inputs[S_STEERING] = vehicle.lateral_gain(NOMINAL.speed) * ramp_and_hold(ticks + 0.5 * TICK)
     law = control.ss(found.a, found.b, found.c, found.d, TICK)
     lead = -np.ravel(control.forced_response(law, ticks, inputs).outputs)
     held = ticks >= 0.5

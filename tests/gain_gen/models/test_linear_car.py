@@ -10,7 +10,7 @@ from scipy.linalg import solve_continuous_lyapunov
 import vehicles
 from canroll.errors import CanrollError
 from gain_gen.models.linear_car import OUTPUTS, linear_car
-from gain_gen.models.reduction import INPUT_SIZES, OUTPUT_SIZES, balanced, reduced
+from gain_gen.models.reduction import INPUT_SIZES, OUTPUT_SIZES, reduced
 from gain_gen.models.trim import most_lateral_acceleration, steady_curve
 from plant_sim.bodies import nonlinear_car, ports
 from plant_sim.nodes.imu_motion import FORCE, RATE, specific_motion
@@ -147,7 +147,7 @@ def test_reduction_is_balanced_and_keeps_what_is_steady(van):
     reach = solve_continuous_lyapunov(model.a, -b @ b.T)
     observe = solve_continuous_lyapunov(model.a.T, -c.T @ c)
     values = np.sort(np.sqrt(np.linalg.eigvals(reach @ observe).real))[::-1]
-    assert balanced(model)[1] == pytest.approx(values, rel=1e-5)
+    assert model.balanced(INPUT_SIZES, OUTPUT_SIZES)[1] == pytest.approx(values, rel=1e-5)
     whole = control.ss(model.a, model.b, model.c, model.d)
     assert whole(20j) == pytest.approx(model.response(np.array([20.0]))[0])
     for order in (4, 6, 8):
