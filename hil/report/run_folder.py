@@ -12,7 +12,6 @@ from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import physical_notes
 from gain_gen.design import UNVERIFIED
 from hil.report import staging
-from hil.report.picture import draw_picture
 from hil.report.run_page import run_page
 from hil.runs import saved_run
 from hil.runs.logs import write_log
@@ -81,6 +80,9 @@ def _write_parts(result: Result, paths: Mapping[str, Path]) -> None:
         physical=physical_notes(result.record),
     )
     write_text(paths["header"], header)
+    # half a second that only this needs
+    from hil.report.picture import draw_picture  # noqa: PLC0415
+
     draw_picture(result, paths["picture"])
     write_text(paths["report"], run_page(result))
     hashed = [path for path in paths.values() if path.name in saved_run.HASHED]
