@@ -24,6 +24,7 @@ from codegen.c99.text import (
     WIDTH,
     broken,
     comment,
+    declaration,
     literal,
     plain,
 )
@@ -152,8 +153,8 @@ class Emitter:
                 yield f"#define {self.names.constant(constant)} {text}"
 
     def _table(self, constant: Constant, storage: str, *, body: bool) -> Iterator[str]:
-        sizes = "".join(f"[{n}]" for n in constant.type.shape)
-        head = f"{storage} {C_TYPES[constant.type.kind]} {self.names.constant(constant)}{sizes}"
+        its, name = constant.type, self.names.constant(constant)
+        head = f"{storage} {declaration(its.kind, name, its.shape)}"
         if not body:
             yield f"{head};"
             return
@@ -175,11 +176,9 @@ class Emitter:
                 if own:
                     yield from comment(text, "    ")
             last = its.line
-            sizes = "".join(f"[{n}]" for n in its.type.shape)
             qualifier = "volatile " if its.volatile else ""
-            yield f"    {qualifier}{C_TYPES[its.type.kind]} {its.name}{sizes};" + _described(
-                its.meaning, its.unit, its.q
-            )
+            field = declaration(its.type.kind, its.name, its.type.shape)
+            yield f"    {qualifier}{field};{_described(its.meaning, its.unit, its.q)}"
         yield f"}} {record_name(record.name)};"
         if guarded:
             yield "#endif"
@@ -193,10 +192,8 @@ class Emitter:
                 parameters.append(f"{const}{record_name(its.record)} *{name}")
             elif its.shape:
                 volatile = "volatile " if (function.key, name) in self.linkage.volatile else ""
-                sizes = "".join(f"[{n}]" for n in its.shape)
-                if (function.key, name) in self.linkage.open:
-                    sizes = "[]"
-                parameters.append(f"{const}{volatile}{C_TYPES[its.kind]} {name}{sizes}")
+                shape = ("",) if (function.key, name) in self.linkage.open else its.shape
+                parameters.append(f"{const}{volatile}{declaration(its.kind, name, shape)}")
             else:
                 parameters.append(f"{C_TYPES[its.kind]} {name}")
         result = C_TYPES[function.result] if function.result else "void"

@@ -231,17 +231,14 @@ class NativeMachine:
 
     def call(self, function: str, *arguments: Any) -> int:  # noqa: ANN401
         """Call a function; see :meth:`codegen.run.machine.Machine.call`."""
-        if function not in self._functions:
-            self._functions[function] = getattr(self.library.lib, c_name(function))
-        return self._functions[function](*map(self._passed, arguments)) or 0
-
-    def _passed(self, argument: Any) -> Any:  # noqa: ANN401
-        """An argument as cffi takes it."""
-        if isinstance(argument, NativeRecord):
-            return argument.buffer
-        return (
-            self.library.ffi.from_buffer(argument) if isinstance(argument, bytearray) else argument
-        )
+        run = self._functions.get(function)
+        if run is None:
+            run = self._functions[function] = getattr(self.library.lib, c_name(function))
+        passed = [each.buffer if isinstance(each, NativeRecord) else each for each in arguments]
+        for place, each in enumerate(arguments):
+            if isinstance(each, bytearray):
+                passed[place] = self.library.ffi.from_buffer(each)
+        return run(*passed) or 0
 
 
 def compiler() -> str | None:
