@@ -10,6 +10,7 @@ import ast
 from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
+from typing import Literal
 
 from codegen.c99 import kept
 from codegen.c99.function import Body
@@ -23,6 +24,7 @@ from codegen.c99.text import (
     WIDTH,
     broken,
     comment,
+    declaration,
     literal,
     plain,
 )
@@ -84,8 +86,7 @@ class Emitter:
             found[f"canroll_{module.name}.h"] = self._header(module)
             functions = [f for f in module.functions.values() if f.key in self.linkage.reachable]
             tables = [c for c in module.constants.values() if c.type.shape]
-            public = module.name == PUBLIC_TABLES and bool(tables)
-            if functions or public or any(self._where(c) == "header" for c in tables):
+            if functions or any(self._home(c) == "header" for c in tables):
                 found[f"canroll_{module.name}.c"] = self._source(module, functions)
         return found
 
@@ -123,45 +124,37 @@ class Emitter:
             declared = [*OPEN_C, *declared, *CLOSE_C]
         return "\n".join([*lines, *declared, "", "#endif", ""])
 
-    def _where(self, constant: Constant) -> str:
-        return "header" if (constant.module, constant.name) in self.linkage.shared else "source"
+    def _home(self, constant: Constant) -> Literal["header", "source", "function", "none"]:
+        """Where a constant is declared; a table of the header is defined in the source."""
+        key = (constant.module, constant.name)
+        if key in self.linkage.homes:
+            return "function"
+        if key in self.linkage.idle:
+            return "none"
+        public = bool(constant.type.shape) and constant.module == PUBLIC_TABLES
+        return "header" if public or key in self.linkage.shared else "source"
 
-    def _constants(self, module: Module, where: str) -> Iterator[str]:
+    def _constants(self, module: Module, home: Literal["header", "source"]) -> Iterator[str]:
         last = -2
         for constant in module.constants.values():
-            table = bool(constant.type.shape)
-            public_table = table and (
-                module.name == PUBLIC_TABLES or self._where(constant) == "header"
-            )
-            if (self._where(constant) != where and not public_table) or (
-                public_table and where == "source"
-            ):
-                continue
-            key = (module.name, constant.name)
-            if key in self.linkage.homes or key in self.linkage.idle:
+            if self._home(constant) != home:
                 continue
             if constant.line > last + 1 or constant.line - 1 in module.comments:
                 yield ""
                 own, text = module.comments.get(constant.line - 1, (False, ""))
                 if own:
                     yield from comment(text)
-            last = constant.line + max(0, self._height(module, constant) - 1)
-            if table:
-                storage = "extern const" if where == "header" else "static const"
-                yield from self._table(constant, storage, body=where == "source")
+            last = constant.end_line
+            if constant.type.shape:
+                storage = "extern const" if home == "header" else "static const"
+                yield from self._table(constant, storage, body=home == "source")
             elif isinstance(constant.value, int):
                 text = literal(constant.value).inside(PRIMARY)
                 yield f"#define {self.names.constant(constant)} {text}"
 
-    def _height(self, module: Module, constant: Constant) -> int:
-        for node in ast.parse(module.source).body:
-            if node.lineno == constant.line:
-                return (node.end_lineno or node.lineno) - node.lineno + 1
-        return 1
-
     def _table(self, constant: Constant, storage: str, *, body: bool) -> Iterator[str]:
-        sizes = "".join(f"[{n}]" for n in constant.type.shape)
-        head = f"{storage} {C_TYPES[constant.type.kind]} {self.names.constant(constant)}{sizes}"
+        its, name = constant.type, self.names.constant(constant)
+        head = f"{storage} {declaration(its.kind, name, its.shape)}"
         if not body:
             yield f"{head};"
             return
@@ -183,11 +176,9 @@ class Emitter:
                 if own:
                     yield from comment(text, "    ")
             last = its.line
-            sizes = "".join(f"[{n}]" for n in its.type.shape)
             qualifier = "volatile " if its.volatile else ""
-            yield f"    {qualifier}{C_TYPES[its.type.kind]} {its.name}{sizes};" + _described(
-                its.meaning, its.unit, its.q
-            )
+            field = declaration(its.type.kind, its.name, its.type.shape)
+            yield f"    {qualifier}{field};{_described(its.meaning, its.unit, its.q)}"
         yield f"}} {record_name(record.name)};"
         if guarded:
             yield "#endif"
@@ -201,10 +192,8 @@ class Emitter:
                 parameters.append(f"{const}{record_name(its.record)} *{name}")
             elif its.shape:
                 volatile = "volatile " if (function.key, name) in self.linkage.volatile else ""
-                sizes = "".join(f"[{n}]" for n in its.shape)
-                if (function.key, name) in self.linkage.open:
-                    sizes = "[]"
-                parameters.append(f"{const}{volatile}{C_TYPES[its.kind]} {name}{sizes}")
+                shape = ("",) if (function.key, name) in self.linkage.open else its.shape
+                parameters.append(f"{const}{volatile}{declaration(its.kind, name, shape)}")
             else:
                 parameters.append(f"{C_TYPES[its.kind]} {name}")
         result = C_TYPES[function.result] if function.result else "void"
@@ -222,9 +211,7 @@ class Emitter:
         lines += [f'#include "canroll_{name}.h"' for name in sorted(set(used) - {module.name})]
         lines += [line for line in self._constants(module, "source")]
         for constant in module.constants.values():
-            if constant.type.shape and (
-                self._where(constant) == "header" or module.name == PUBLIC_TABLES
-            ):
+            if constant.type.shape and self._home(constant) == "header":
                 lines += ["", *self._table(constant, "const", body=True)]
         early = self._called_early(functions)
         if early:

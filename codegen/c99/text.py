@@ -1,6 +1,6 @@
 """C text: precedence, literals, comments, line breaks, the runtime header."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from codegen.proof.intervals import Value
@@ -275,6 +275,11 @@ class Expression:
     def inside(self, level: int) -> str:
         """The text as an operand of something that binds at ``level``."""
         return self.text if self.level <= level else f"({self.text})"
+
+
+def declaration(kind: str, name: str, shape: Sequence[int | str]) -> str:
+    """A variable, parameter or field with its type and sizes; a size may be left out, ""."""
+    return f"{C_TYPES[kind]} {name}{''.join(f'[{length}]' for length in shape)}"
 
 
 def fits(value: Value, kind: str) -> bool:

@@ -2,22 +2,20 @@
 
 One calibration runs a part of the code only. The cases run many: random ones on hostile frames,
 some that reach what chance does not, and one for every rule that refuses a calibration. A case is a
-calibration, frames, ticks, and what the reference gave: the rule of ``init`` and a CRC-32 of all
-states. What no case reaches is in :data:`UNREACHED`, with the reason.
+calibration, frames, ticks, and what the reference gave: the rule of ``init`` and all states. What
+no case reaches is in :data:`UNREACHED`, with the reason.
 """
 
-import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from codegen.c99.text import filled
+from codegen.export.sessions.session import Session
 from codegen.generated.bus_map import BusMap
-from codegen.run import memory_image
+from codegen.run import memory_image, native
+from codegen.run.bus_firmware import BusFirmware
 from codegen.run.ecu_traffic import Traffic, finished, random_calibration, random_traffic
-from codegen.run.native import Library
 from firmware.calibration import (
     BARS,
     BYPASS,
@@ -358,84 +356,25 @@ def _changed(seed: int, **changes: object) -> Calibration:
     return memory_image.sealed(record)
 
 
-def result(library: Library, case: Case) -> tuple[int, int]:
-    """Return the rule by which ``init`` refuses and the CRC-32 of all states of the reference."""
-    ffi, lib = library.ffi, library.lib
-    cal = np.frombuffer(memory_image.image(case.record), np.uint8).copy()
-    state = np.zeros(memory_image.dtype(library.record).itemsize, np.uint8)
-    ecu, calibration = (ffi.from_buffer("uint8_t[]", each) for each in (state, cal))
-    rule = int(lib.canroll_start(ecu, calibration))
-    crc = zlib.crc32(state.tobytes())
-    frames, place = case.traffic.frames, 0
-    for tick, elapsed in enumerate(case.traffic.elapsed.tolist()):
-        if tick == case.flipped:
-            cal[-FLIPPED] ^= 1
-        while place < len(frames) and frames[place]["tick"] == tick:
-            frame = frames[place]
-            lib.canroll_put(
-                ecu, int(frame["message"]), frame["payload"].tobytes(), int(frame["length"])
-            )
-            place += 1
-        lib.canroll_step(ecu, calibration, elapsed)
-        pending = memory_image.dtype(library.record).fields["tx_pending"]  # type: ignore[index]
-        crc = zlib.crc32(state.tobytes(), crc)
-        state[pending[1] : pending[1] + pending[0].itemsize] = 0
-    return rule, crc
-
-
-def sources(library: Library, found: Sequence[Case]) -> tuple[str, str]:
-    """Return header and source of cases with their results."""
-    room = found[0].traffic.frames.dtype["payload"].shape[0]
-    size = memory_image.dtype(Calibration).itemsize
-    header = HEADER.format(cases=len(found), bytes=size, flipped=FLIPPED, room=room)
-    lines = ['#include "cases.h"', ""]
-    rows = []
-    for k, case in enumerate(found):
-        rule, crc = result(library, case)
-        data = memory_image.image(case.record)
-        frames, elapsed = case.traffic.frames, case.traffic.elapsed
-        lines += _array(f"uint8_t calibration_{k}", [str(byte) for byte in data])
-        lines += _array(f"int32_t elapsed_{k}", [str(n) for n in elapsed.tolist()])
-        lines += _array(f"case_frame frames_{k}", _frames(frames))
-        rows.append(
-            f'{{ "{case.name}", calibration_{k}, elapsed_{k}, frames_{k}, {len(elapsed)}, '
-            f"{len(frames)}, {case.flipped}, {rule}, 0x{crc:08X}u }}"
-        )
-    lines += _array("case_data cases", rows, storage="const")
-    return header, "\n".join([*lines, ""])
-
-
-HEADER = """\
-/* Cases for every statement and branch: calibration, frames, what the reference gave. */
-#ifndef CASES_H
-#define CASES_H
-
-#include <stdint.h>
-
-#define CASES {cases}
-#define CASE_CALIBRATION {bytes}
-#define CASE_FLIPPED {flipped}
-
-typedef struct {{
-    int32_t tick, message, length;
-    uint8_t payload[{room}];
-}} case_frame;
-
-typedef struct {{
-    const char *name;
-    const uint8_t *calibration;
-    const int32_t *elapsed;
-    const case_frame *frames;
-    int32_t ticks, received;
-    int32_t flipped; /* tick in which a bit of the calibration flips, -1: none */
-    int32_t rule; /* of canroll_init */
-    uint32_t states; /* CRC-32 of the state after canroll_init and after every tick */
-}} case_data;
-
-extern const case_data cases[CASES];
-
-#endif
-"""
+def source(firmware: BusFirmware, found: Sequence[Case]) -> str:
+    """Return the cases as a session in C, each a part of it."""
+    session = Session(native.NativeMachine(firmware), firmware, gains=False)
+    cal = session.record(Calibration())
+    ecu = session.record(firmware.record())
+    for case in found:
+        session.begin(case.name)
+        cal.fill(memory_image.image(case.record))
+        ecu.fill(bytes(len(ecu.image())))
+        session.call("init", ecu, cal)
+        session.digest(ecu)
+        for tick, (elapsed, frames) in enumerate(case.traffic.by_tick()):
+            if tick == case.flipped:
+                cal.flip(len(cal.image()) - FLIPPED)
+            session.tick(ecu, cal, elapsed, frames)
+    return session.source(
+        "Cases for every statement and branch: calibration, frames, all states.",
+        f"{len(found)} cases, all states as the reference",
+    )
 
 
 def table() -> str:
@@ -445,18 +384,3 @@ def table() -> str:
         text = line.strip("{} ").replace("|", r"\|")
         rows.append(f"| `{file}` | `{text}` | {why} |")
     return "\n".join(["| file | branch not taken | why |", "| --- | --- | --- |", *rows])
-
-
-def _frames(frames: NDArray[np.void]) -> list[str]:
-    rows = []
-    for row in frames:
-        payload = ", ".join(str(byte) for byte in row["payload"].tolist())
-        rows.append(f"{{ {row['tick']}, {row['message']}, {row['length']}, {{ {payload} }} }}")
-    return rows or ["{ 0, 0, 0, { 0 } }"]
-
-
-def _array(head: str, items: list[str], storage: str = "static const") -> Iterator[str]:
-    yield f"{storage} {head}[{len(items)}] = {{"
-    yield from filled(f"{item}," for item in items)
-    yield "};"
-    yield ""

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 
-from codegen.c99.text import C_TYPES, filled, plain
+from codegen.c99.text import declaration, filled, plain
 from firmware.calibration import Calibration
 from firmware.subset import Field, fields
 
@@ -48,18 +48,16 @@ def gains_header(
         f"#define {TYPE_GUARD}",
         "typedef struct {",
     ]
-    lines += [f"    {_declaration(field)} /* {_meaning(field)} */" for field in table]
+    for field in table:
+        lines.append(
+            f"    {declaration(field.kind, field.name, field.shape)}; /* {_meaning(field)} */"
+        )
     lines += [f"}} {TYPE_NAME};", "#endif", "", "#define CANROLL_CALIBRATION_INITIALISER { \\"]
     for field in table:
         lines += _initialiser(field, getattr(record, field.name), physical.get(field.name, ""))
     lines += ["}", "", f"#define {CRC_NAME} 0x{record.crc & 0xFFFFFFFF:08X}u", ""]
     lines += ["#endif /* CANROLL_GAINS_H */", ""]
     return "\n".join(lines)
-
-
-def _declaration(field: Field) -> str:
-    shape = "".join(f"[{length}]" for length in field.shape)
-    return f"{C_TYPES[field.kind]} {field.name}{shape};"
 
 
 def _meaning(field: Field) -> str:

@@ -126,8 +126,8 @@ def _lines(found: Mapping[str, list[Row]]) -> Iterator[str]:
     yield ""
     yield (
         "Made with this bundle. Source lines are those of canroll's `firmware/`, tests those of "
-        "its `tests/`; `test/cases.c` runs every statement. Obligations are the places in a "
-        "function at which the proof showed that nothing overflows, leaves its field or its "
+        "its `tests/`; `test/session_cases.c` runs every statement. Obligations are the places in "
+        "a function at which the proof showed that nothing overflows, leaves its field or its "
         f"array, or is divided by zero: {total} in all, each for every state, frame and accepted "
         "calibration."
     )

@@ -1,6 +1,5 @@
 """State of the interval interpreter: places, values, unmet obligations."""
 
-import ast
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
@@ -54,25 +53,6 @@ class Finding:
 
     def __str__(self) -> str:
         return f"{self.path}:{self.line}: {self.what}: [{self.lo}, {self.hi}]"
-
-
-def narrow(op: type[ast.cmpop], a: Value, b: Value) -> Value | None:
-    """The part of ``a`` for which ``a op b`` can hold, or None."""
-    lo, hi = a.lo, a.hi
-    if op is ast.Lt:
-        hi = min(hi, b.hi - 1)
-    elif op is ast.LtE:
-        hi = min(hi, b.hi)
-    elif op is ast.Gt:
-        lo = max(lo, b.lo + 1)
-    elif op is ast.GtE:
-        lo = max(lo, b.lo)
-    elif op is ast.Eq:
-        lo, hi = max(lo, b.lo), min(hi, b.hi)
-    elif b.lo == b.hi:
-        lo += lo == b.lo
-        hi -= hi == b.lo
-    return None if lo > hi else a.limited(lo, hi)
 
 
 def same(a: Value, b: object) -> bool:

@@ -3,20 +3,11 @@
 import ast
 from abc import abstractmethod
 
-from codegen.proof.abstract_state import Element, Reference, State, narrow
+from codegen.proof.abstract_state import Element, Reference, State
 from codegen.proof.expressions import Expressions
 from codegen.proof.intervals import Value
+from codegen.proof.relations import NEGATED, SWAPPED, narrow
 from codegen.subset.program import Function
-
-NEGATED = {
-    ast.Lt: ast.GtE,
-    ast.LtE: ast.Gt,
-    ast.Gt: ast.LtE,
-    ast.GtE: ast.Lt,
-    ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq,
-}
-SWAPPED = {ast.Lt: ast.Gt, ast.LtE: ast.GtE, ast.Gt: ast.Lt, ast.GtE: ast.LtE}
 
 
 class Conditions(Expressions):

@@ -3,183 +3,51 @@
 All produce the same bytes on the bus and the same state, for any calibration and traffic.
 """
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.run import BACKENDS, memory_image, native
-from codegen.run.authentication import (
-    Authentication,
-    CortexAuthentication,
-    NativeAuthentication,
-    PythonAuthentication,
-)
 from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.ecu_traffic import Frame, Payload, Traffic, refused
+from codegen.run.ecu import Backend, Ecu
+from codegen.run.ecu_traffic import Frame, Payload, Traffic
+from codegen.run.machine import PythonMachine
 from codegen.run.secured import NEW, Lasting, SecuredEcu
 from codegen.run.unicorn import CortexEcu
 from dbc.keys import DEVELOPMENT_KEY
 from firmware.calibration import Calibration
 
-
-@runtime_checkable
-class Backend(Protocol):
-    """One running ECU."""
-
-    def restart(self) -> None:
-        """Start anew, as after a loss of power."""
-
-    def receive(self, ident: int, payload: Payload, length: int) -> None:
-        """Put a received frame in its mailbox; an unmapped identifier is ignored."""
-
-    def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
-        """Run one tick and return the frames to send, in order."""
-
-    @property
-    def state(self) -> Any:  # noqa: ANN401 - the record of the bus's firmware
-        """The state record, to be read only."""
-
-    def image(self) -> bytes:
-        """The bytes of the state record, as C lays it out."""
+__all__ = ["Backend", "NativeEcu", "PythonEcu", "Recorder", "default_backend", "open_backend"]
 
 
-class PythonEcu:
-    """The firmware run by CPython, line by line."""
+class PythonEcu(Ecu):
+    """An ECU whose firmware is run by CPython, line by line."""
 
     def __init__(self, calibration: Calibration, firmware: BusFirmware | None = None) -> None:
-        self._firmware = firmware or built_in()
-        self._loop: Any = self._firmware.loop
-        self._calibration = calibration
-        self._room = memory_image.event_of(self._firmware.record)["payload"].shape[0]
-        self.restart()
-
-    def restart(self) -> None:
-        """Start anew, as after a loss of power."""
-        self._ecu = self._firmware.record()
-        rule = self._loop.init(self._ecu, self._calibration)
-        if rule:
-            raise refused(rule)
-
-    @property
-    def state(self) -> Any:  # noqa: ANN401 - the record of the bus's firmware
-        """The state record, to be read only."""
-        return self._ecu
-
-    def image(self) -> bytes:
-        """The bytes of the state record, as C lays it out."""
-        return memory_image.image(self._ecu)
-
-    @property
-    def running(self) -> Calibration:
-        """The calibration it runs on."""
-        return self._calibration
-
-    def run_on(self, calibration: Calibration) -> None:
-        """Run on another calibration from the next tick on."""
-        self._calibration = calibration
-
-    def receive(self, ident: int, payload: Payload, length: int) -> None:
-        """Put a received frame in its mailbox; an unmapped identifier is ignored."""
-        for slot in self._firmware.messages.get(ident, ()):
-            data = list(bytes(payload).ljust(self._room, b"\0"))
-            self._loop.receive(self._ecu, slot, data, length)
-
-    def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
-        """Run one tick and return the frames to send, in order."""
-        ecu = self._ecu
-        self._loop.tick(ecu, self._calibration, elapsed_ticks)
-        frames = []
-        for slot, pending in enumerate(ecu.tx_pending):
-            if pending:
-                ident, length = self._firmware.sent[slot]
-                if length:
-                    frames.append((ident, bytes(ecu.tx_payload[slot][:length])))
-                ecu.tx_pending[slot] = 0
-        return frames
+        firmware = firmware or built_in()
+        super().__init__(PythonMachine(firmware), calibration, firmware)
 
 
-class NativeEcu:
-    """The firmware as compiled C; ``ecu`` and ``calibration`` are the records in memory."""
+class NativeEcu(Ecu):
+    """An ECU whose firmware is compiled C, its records in the memory of this process."""
+
+    machine: native.NativeMachine
+    record: native.NativeRecord
+    calibration: native.NativeRecord
 
     def __init__(self, calibration: Calibration, firmware: BusFirmware | None = None) -> None:
-        self._firmware = firmware or built_in()
-        record = self._firmware.record
-        self._library = native.library_of(self._firmware)
-        kind = memory_image.dtype(Calibration)
-        self.calibration = np.frombuffer(memory_image.image(calibration), kind, 1).copy()
-        self.ecu = self._library.start(self.calibration)
-        buffer = self._library.ffi.from_buffer
-        self._ecu = buffer("uint8_t[]", self.ecu, require_writable=True)
-        self._cal = buffer("uint8_t[]", self.calibration)
-        places = memory_image.dtype(record).fields
-        assert places is not None
-        view = self.ecu.view(np.uint8).data
-        first, slots = places["tx_pending"][1], len(self._firmware.sent)
-        self._pending = view[first : first + slots]
-        self._payloads = self.ecu["tx_payload"][0]
-        self._none = bytes(slots)
-        self._slots = self._firmware.messages
-        self._room = memory_image.event_of(record)["payload"].shape[0]
-
-    def restart(self) -> None:
-        """Start anew, as after a loss of power."""
-        self.ecu[:] = self._library.start(self.calibration)
-
-    @property
-    def firmware(self) -> BusFirmware:
-        """What it runs."""
-        return self._firmware
+        firmware = firmware or built_in()
+        super().__init__(native.NativeMachine(firmware), calibration, firmware)
 
     @property
     def pointers(self) -> dict[str, int]:
         """Addresses of the C functions, of the ECU's record and of the calibration's."""
         return {
-            **self._library.pointers,
-            "ecu": self.ecu.ctypes.data,
-            "calibration": self.calibration.ctypes.data,
+            **self.machine.library.pointers,
+            "ecu": self.record.array.ctypes.data,
+            "calibration": self.calibration.array.ctypes.data,
         }
-
-    @property
-    def state(self) -> Any:  # noqa: ANN401 - the record of the bus's firmware
-        """A copy of the state record."""
-        copy = self._firmware.record()
-        memory_image.fill(copy, self.image())
-        return copy
-
-    def image(self) -> bytes:
-        """The bytes of the state record, as C lays it out."""
-        return self.ecu.tobytes()
-
-    @property
-    def running(self) -> Any:  # noqa: ANN401 - a buffer of cffi
-        """The calibration it runs on, in memory."""
-        return self._cal
-
-    def run_on(self, calibration: NDArray[np.void]) -> None:
-        """Run on another calibration in memory from the next tick on."""
-        self._cal = self._library.ffi.from_buffer("uint8_t[]", calibration)
-
-    def receive(self, ident: int, payload: Payload, length: int) -> None:
-        """Put a received frame in its mailbox; an unmapped identifier is ignored."""
-        for slot in self._slots.get(ident, ()):
-            data = bytes(payload).ljust(self._room, b"\0")
-            self._library.lib.canroll_put(self._ecu, slot, data, length)
-
-    def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
-        """Run one tick and return the frames to send, in order."""
-        self._library.lib.canroll_step(self._ecu, self._cal, elapsed_ticks)
-        if self._pending == self._none:
-            return []
-        frames = []
-        for slot, pending in enumerate(self._pending):
-            if pending:
-                ident, length = self._firmware.sent[slot]
-                if length:
-                    frames.append((ident, self._payloads[slot, :length].tobytes()))
-        self._pending[:] = self._none
-        return frames
 
 
 def default_backend() -> str:
@@ -205,28 +73,16 @@ def open_backend(
     """
     if name not in BACKENDS:
         raise UnknownNameError("backend", name, BACKENDS)
-    ecu: PythonEcu | NativeEcu | CortexEcu
+    ecu: Ecu
     if name == "python":
         ecu = PythonEcu(calibration, firmware)
     elif name == "native":
         ecu = NativeEcu(calibration, firmware)
     else:
         ecu = CortexEcu(calibration, cpu=name, firmware=firmware)
-    if firmware is None or not firmware.bus.secured:
+    if not ecu.firmware.bus.secured:
         return ecu
-    its = authentication_of(ecu, firmware)
-    return SecuredEcu(ecu, its, firmware, key=key, tick_us=calibration.tick_us, lasting=lasting)
-
-
-def authentication_of(
-    ecu: PythonEcu | NativeEcu | CortexEcu, firmware: BusFirmware
-) -> Authentication:
-    """Return the authentication beside an ECU, run as the ECU is."""
-    if isinstance(ecu, PythonEcu):
-        return PythonAuthentication(firmware)
-    if isinstance(ecu, NativeEcu):
-        return NativeAuthentication(firmware)
-    return CortexAuthentication(ecu, firmware)
+    return SecuredEcu(ecu, key=key, tick_us=calibration.tick_us, lasting=lasting)
 
 
 class Recorder:

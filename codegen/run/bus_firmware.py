@@ -12,7 +12,7 @@ import re
 import sys
 import tempfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
@@ -158,6 +158,14 @@ class BusFirmware:
     def module(self, name: str) -> Any:  # noqa: ANN401
         """One of its modules for CPython, with its room's name where it has one."""
         return importlib.import_module(f"{self.loop.__package__}.{name}")
+
+    def function(self, name: str) -> Callable[..., Any]:
+        """A function for CPython: ``tick`` of the loop, ``xcp.tick`` of a module beside it."""
+        module, _, function = name.rpartition(".")
+        if not module:
+            return getattr(self.loop, function)  # type: ignore[no-any-return]
+        place = file_of(module).relative_to(FIRMWARE).with_suffix("")
+        return getattr(self.module(".".join(place.parts)), function)  # type: ignore[no-any-return]
 
     @property
     def record(self) -> Any:  # noqa: ANN401

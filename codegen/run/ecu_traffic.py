@@ -5,6 +5,7 @@ with full-scale values, wrong checksums, jumps and repetitions of the counter, w
 reserved codes, silence, missed ticks.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,6 +44,12 @@ class Traffic:
     def ticks(self) -> int:
         """Number of ticks."""
         return len(self.elapsed)
+
+    def by_tick(self) -> Iterator[tuple[int, NDArray[np.void]]]:
+        """Yield of each tick the elapsed ticks and the frames that arrive before it."""
+        bounds = np.searchsorted(self.frames["tick"], np.arange(self.ticks + 1))
+        for tick, elapsed in enumerate(self.elapsed.tolist()):
+            yield elapsed, self.frames[bounds[tick] : bounds[tick + 1]]
 
 
 def refused(rule: int) -> CanrollError:

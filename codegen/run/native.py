@@ -10,6 +10,7 @@ import hashlib
 import importlib.util
 import io
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -28,27 +29,28 @@ from numpy.typing import NDArray
 
 from canroll import build_cache
 from canroll.errors import CanrollError
+from codegen.c99.emit import record_name
 from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.ecu_traffic import Traffic, refused
-from codegen.run.memory_image import dtype, event_of
-from codegen.run.service_binding import BINDINGS
+from codegen.run.machine import c_name
+from codegen.run.memory_image import dtype, event_of, fill, image
 from firmware.calibration import Calibration
 from firmware.state import Ecu
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
 DECLARATIONS = """
+typedef struct { ...; } canroll_calibration;
+typedef struct { ...; } canroll_ecu;
+int32_t canroll_init(void *ecu, const void *cal);
+void canroll_receive(void *ecu, int32_t message, const uint8_t payload[], int32_t length);
+void canroll_tick(void *ecu, const void *cal, int32_t elapsed_ticks);
 typedef struct {
     int32_t tick; int32_t message; int32_t length; uint8_t payload[EVENT_BYTES];
 } canroll_event;
-int32_t canroll_start(void *ecu, const void *cal);
-void canroll_put(void *ecu, int32_t message, const uint8_t *payload, int32_t length);
-void canroll_step(void *ecu, const void *cal, int32_t elapsed_ticks);
 int64_t canroll_replay(
     int64_t n_ecus, uint8_t *ecus, const uint8_t *cals, int64_t ticks, const int32_t *elapsed,
     const canroll_event *rx, const int64_t *rx_end, canroll_event *tx, int64_t tx_room,
     int64_t *tx_end, uint8_t *states);
-size_t canroll_ecu_size(void);
-size_t canroll_calibration_size(void);
 extern void *const canroll_pointers[3];
 """
 BATCH = """
@@ -60,20 +62,9 @@ typedef struct {
     int32_t tick; int32_t message; int32_t length; uint8_t payload[EVENT_BYTES];
 } canroll_event;
 
-static int32_t canroll_start(void *ecu, const void *cal) { return canroll_init(ecu, cal); }
-static void canroll_put(void *ecu, int32_t message, const uint8_t *payload, int32_t length)
-{
-    canroll_receive(ecu, message, payload, length);
-}
-static void canroll_step(void *ecu, const void *cal, int32_t elapsed_ticks)
-{
-    canroll_tick(ecu, cal, elapsed_ticks);
-}
 static void *const canroll_pointers[3] = {
-    (void *)canroll_start, (void *)canroll_put, (void *)canroll_step
+    (void *)canroll_init, (void *)canroll_receive, (void *)canroll_tick
 };
-static size_t canroll_ecu_size(void) { return sizeof(canroll_ecu); }
-static size_t canroll_calibration_size(void) { return sizeof(canroll_calibration); }
 
 static int64_t canroll_replay(
     int64_t n_ecus, uint8_t *ecus, const uint8_t *cals, int64_t ticks, const int32_t *elapsed,
@@ -133,8 +124,12 @@ class Library:
         self.ffi: Any = module.ffi
         self.lib: Any = module.lib
         self.record = record
-        assert self.lib.canroll_ecu_size() == dtype(record).itemsize
-        assert self.lib.canroll_calibration_size() == dtype(Calibration).itemsize
+        self.check_size(record)
+        self.check_size(Calibration)
+
+    def check_size(self, record: type) -> None:
+        """Assert that a record has the same size in C."""
+        assert self.ffi.sizeof(record_name(record.__name__)) == dtype(record).itemsize
 
     @property
     def pointers(self) -> dict[str, int]:
@@ -146,7 +141,7 @@ class Library:
         """Return one initialised ECU for each calibration; raise CanrollError if one is refused."""
         ecus = np.zeros(len(calibrations), dtype(self.record))
         for i in range(len(calibrations)):
-            rule = self.lib.canroll_start(
+            rule = self.lib.canroll_init(
                 self.ffi.from_buffer(ecus[i : i + 1]), self.ffi.from_buffer(calibrations[i : i + 1])
             )
             if rule:
@@ -190,6 +185,62 @@ class Library:
         return Replay(tx[:sent], tx_end, kept)
 
 
+class NativeRecord:
+    """A record in the memory of this process, as C lays it out: one row of :attr:`array`."""
+
+    def __init__(self, value: Any, library: Library) -> None:  # noqa: ANN401
+        self._kind: type = value.__class__
+        library.check_size(self._kind)
+        self.array = np.frombuffer(image(value), dtype(self._kind), 1).copy()
+        self.buffer = library.ffi.from_buffer("uint8_t[]", self.array, require_writable=True)
+
+    def __getitem__(self, field: str) -> Any:  # noqa: ANN401
+        """Return the value of a field, an array as a view."""
+        return self.array[field][0]
+
+    def __setitem__(self, field: str, value: Any) -> None:  # noqa: ANN401
+        """Set a field."""
+        self.array[field] = value
+
+    def image(self) -> bytes:
+        """The bytes of the record."""
+        return self.array.tobytes()
+
+    def fill(self, data: bytes) -> None:
+        """Set the record from its bytes."""
+        self.array[:] = np.frombuffer(data, self.array.dtype, 1)
+
+    @property
+    def value(self) -> Any:  # noqa: ANN401
+        """A copy of the record."""
+        copy = self._kind()
+        fill(copy, self.image())
+        return copy
+
+
+class NativeMachine:
+    """This computer running the compiled firmware."""
+
+    def __init__(self, firmware: BusFirmware) -> None:
+        self.library = library_of(firmware)
+        self._functions: dict[str, Any] = {}
+
+    def record(self, value: Any) -> NativeRecord:  # noqa: ANN401
+        """Put a record in the memory of this process."""
+        return NativeRecord(value, self.library)
+
+    def call(self, function: str, *arguments: Any) -> int:  # noqa: ANN401
+        """Call a function; see :meth:`codegen.run.machine.Machine.call`."""
+        run = self._functions.get(function)
+        if run is None:
+            run = self._functions[function] = getattr(self.library.lib, c_name(function))
+        passed = [each.buffer if isinstance(each, NativeRecord) else each for each in arguments]
+        for place, each in enumerate(arguments):
+            if isinstance(each, bytearray):
+                passed[place] = self.library.ffi.from_buffer(each)
+        return run(*passed) or 0
+
+
 def compiler() -> str | None:
     """The C compiler: ``$CC``, cc, gcc or clang; None if there is none."""
     names = (os.environ.get("CC"), "cc", "gcc", "clang")
@@ -226,7 +277,7 @@ def build(
         raise CanrollError("no C compiler found: install one (cc), or choose --backend python")
     version = subprocess.run([cc, "--version"], capture_output=True, text=True, check=False)
     key = hashlib.sha256()
-    binding = _binding(record, services)
+    binding = _binding(record, files, services)
     for part in (*sorted(files.items()), *binding, flags, version.stdout, sys.version):
         key.update(repr(part).encode())
     name = f"canroll_native_{key.hexdigest()[:20]}"
@@ -240,13 +291,24 @@ def build(
     return Library(module, record)
 
 
-def _binding(record: type, services: Sequence[str]) -> tuple[str, str]:
+def _binding(record: type, files: Mapping[str, str], services: Sequence[str]) -> tuple[str, str]:
     """Declarations and source of the interfaces, for frames as large as ``record``'s mailboxes."""
     size = str(event_of(record)["payload"].shape[0])
-    bound = [BINDINGS[name] for name in services]
-    declarations = "".join([DECLARATIONS, *(its.declarations for its in bound)])
-    source = "".join([BATCH, *(its.source for its in bound)])
-    return declarations.replace("EVENT_BYTES", size), source.replace("EVENT_BYTES", size)
+    declarations = "".join([DECLARATIONS, *(_declared(files, name) for name in services)])
+    return declarations.replace("EVENT_BYTES", size), BATCH.replace("EVENT_BYTES", size)
+
+
+def _declared(files: Mapping[str, str], service: str) -> str:
+    """The functions of a service and its record, as cffi reads them: on records without a type."""
+    state = files.get(f"canroll_{service}_state.h", "")
+    records = re.findall(rf"^}} (canroll_{service});", state, re.MULTILINE)
+    prototypes = re.findall(
+        rf"^(?:void|u?int\d+_t) canroll_{service}_\w+\([^;{{]*\);",
+        files[f"canroll_{service}.h"],
+        re.MULTILINE,
+    )
+    functions = [re.sub(r"\bcanroll_\w+ \*", "void *", text) for text in prototypes]
+    return "\n".join([*(f"typedef struct {{ ...; }} {name};" for name in records), *functions, ""])
 
 
 def _compile(

@@ -131,8 +131,6 @@ def replay_file(calibration: Calibration, traffic: Traffic, secret: bytes) -> by
     ``secret`` is what the authentication starts with, empty where there is none.
     """
     parts = [struct.pack("<i", traffic.ticks), memory_image.image(calibration), secret]
-    bounds = np.searchsorted(traffic.frames["tick"], np.arange(traffic.ticks + 1))
-    for t in range(traffic.ticks):
-        frames = traffic.frames[bounds[t] : bounds[t + 1]]
-        parts += [struct.pack("<ii", int(traffic.elapsed[t]), len(frames)), frames.tobytes()]
+    for elapsed, frames in traffic.by_tick():
+        parts += [struct.pack("<ii", elapsed, len(frames)), frames.tobytes()]
     return b"".join(parts)

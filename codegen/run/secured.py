@@ -5,15 +5,16 @@ sent; lasting memory counts the starts and remembers those of the senders.
 """
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from codegen.run import memory_image
-from codegen.run.authentication import Authentication, CortexAuthentication
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.cortex import Run, sent
+from codegen.run.ecu import Ecu
 from codegen.run.ecu_traffic import Frame, Payload, Traffic
+from codegen.run.machine import Machine, Record
 from codegen.run.unicorn import CortexEcu
 from firmware.calibration import Calibration
 from firmware.security.secoc_state import RESET_MAX, SECURED
@@ -37,24 +38,45 @@ NEW = Lasting()
 """The memory of an ECU that was never started."""
 
 
-class Inner(Protocol):
-    """The loop that is behind the authentication."""
+class Secoc:
+    """The firmware's module ``secoc`` with its record, on a machine."""
 
-    def restart(self) -> None:
-        """Start anew."""
+    def __init__(self, machine: Machine, firmware: BusFirmware) -> None:
+        self._machine = machine
+        secoc_state = firmware.module("security.secoc_state")
+        self.record: Record = self._machine.record(secoc_state.Secoc())
 
-    def receive(self, ident: int, payload: Payload, length: int) -> None:
-        """Take a frame."""
+    def start(self, key: bytes, reset: int, listening: int) -> None:
+        """Start with a key as the start number ``reset``."""
+        self._machine.call("secoc.start", self.record, key, reset, listening)
 
-    def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
-        """Run one tick."""
+    def resume(self, message: int, reset: int) -> None:
+        """Continue with a sender."""
+        self._machine.call("secoc.resume", self.record, message, reset)
+
+    def elapse(self, ticks: int) -> None:
+        """Count ticks."""
+        self._machine.call("secoc.elapse", self.record, ticks)
+
+    def verify(self, message: int, frame: bytes, length: int) -> bool:
+        """Whether a received frame is to be taken."""
+        return bool(self._machine.call("secoc.verify", self.record, message, frame, length))
+
+    def protect(self, slot: int, frame: bytes) -> bytes:
+        """Return a frame with freshness value and MAC."""
+        secured = bytearray(frame)
+        self._machine.call("secoc.protect", self.record, slot, secured)
+        return bytes(secured)
 
     @property
-    def state(self) -> Any:  # noqa: ANN401
-        """The state record."""
+    def refused(self) -> int:
+        """Frames refused since the start."""
+        return int(self.record["refused"])
 
-    def image(self) -> bytes:
-        """The bytes of the state record."""
+    @property
+    def senders(self) -> tuple[int, ...]:
+        """Number of the last known start of each message's sender."""
+        return tuple(map(int, self.record["rx_reset"]))
 
 
 class SecuredEcu:
@@ -63,18 +85,9 @@ class SecuredEcu:
     ``accepted`` counts the frames that it took.
     """
 
-    def __init__(
-        self,
-        ecu: Inner,
-        authentication: Authentication,
-        firmware: BusFirmware,
-        *,
-        key: bytes,
-        tick_us: int,
-        lasting: Lasting = NEW,
-    ) -> None:
-        self._ecu, self._secoc, self._firmware, self._key = ecu, authentication, firmware, key
-        self._slot_of = {ident: slot for slot, (ident, _) in enumerate(firmware.sent)}
+    def __init__(self, ecu: Ecu, *, key: bytes, tick_us: int, lasting: Lasting = NEW) -> None:
+        self._ecu, self._secoc, self._key = ecu, Secoc(ecu.machine, ecu.firmware), key
+        self._slot_of = {ident: slot for slot, (ident, _) in enumerate(ecu.firmware.sent)}
         self._listening = listening_ticks(tick_us)
         self._starts = 0
         self.accepted = 0
@@ -117,7 +130,7 @@ class SecuredEcu:
     def receive(self, ident: int, payload: Payload, length: int) -> None:
         """Verify a received frame and put it in its mailbox; an unmapped identifier is ignored."""
         frame = bytes(payload)[:SECURED].ljust(SECURED, b"\0")
-        for slot in self._firmware.slots.get(ident, ()):
+        for slot in self._ecu.firmware.slots.get(ident, ()):
             if self._secoc.verify(slot, frame, length):
                 self.accepted += 1
                 self._ecu.receive(ident, frame, length)
@@ -151,28 +164,28 @@ def replay(
     """
     kind = memory_image.dtype(firmware.record)
     ecu = CortexEcu(calibration, cpu=name, count=True, firmware=firmware)
-    secoc = CortexAuthentication(ecu, firmware)
+    machine = ecu.machine
+    secoc = Secoc(machine, firmware)
     secoc.start(key, 1, listening_ticks(calibration.tick_us))
     slot_of = {ident: slot for slot, (ident, _) in enumerate(firmware.sent)}
     states = np.zeros(traffic.ticks, kind)
     counts = np.zeros(traffic.ticks, np.int64)
     added = np.zeros(traffic.ticks, np.int64)
-    bounds = np.searchsorted(traffic.frames["tick"], np.arange(traffic.ticks + 1))
-    for t in range(traffic.ticks):
-        secoc.elapse(int(traffic.elapsed[t]))
-        added[t] += secoc.instructions
-        for event in traffic.frames[bounds[t] : bounds[t + 1]]:
+    for t, (elapsed, received) in enumerate(traffic.by_tick()):
+        secoc.elapse(elapsed)
+        added[t] += machine.instructions
+        for event in received:
             message, length = int(event["message"]), int(event["length"])
             frame = event["payload"].tobytes()
             taken = secoc.verify(message, frame, length)
-            added[t] += secoc.instructions
+            added[t] += machine.instructions
             if taken or message >= len(firmware.bus.received):
                 ecu.put(message, frame, length)
-        ecu.advance(int(traffic.elapsed[t]))
-        counts[t] = ecu.instructions
+        ecu.advance(elapsed)
+        counts[t] = machine.instructions
         states[t] = np.frombuffer(ecu.image(), kind, 1)[0]
         for ident, payload in ecu.send():
             secoc.protect(slot_of[ident], payload)
-            added[t] += secoc.instructions
+            added[t] += machine.instructions
     frames = sent(states, firmware)
-    return Run(name, "unicorn", frames, states, counts + added, ecu.stack, authentication=added)
+    return Run(name, "unicorn", frames, states, counts + added, machine.stack, authentication=added)

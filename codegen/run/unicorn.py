@@ -8,44 +8,79 @@ from typing import Any
 
 import numpy as np
 from elftools.elf.elffile import ELFFile
-from numpy.typing import NDArray
 
 from canroll.errors import optional
 from codegen.run import memory_image
 from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.cortex import CPUS, Run, sent, zig_image
-from codegen.run.ecu_traffic import Traffic, refused
+from codegen.run.ecu import Ecu
+from codegen.run.ecu_traffic import Traffic
+from codegen.run.machine import c_name
 from firmware.calibration import Calibration
 
-ECU, CALIBRATION, PAYLOAD, STACK_TOP, STACK, RETURN = (
-    0x20000000,
-    0x20002000,
-    0x20006000,
-    0x20010000,
-    0x4000,
-    0x20007000,
-)
+RECORDS, ARRAYS, RETURN, STACK_TOP = 0x20010000, 0x20006000, 0x20007000, 0x20010000
+"""Addresses of the records, one after the other, of arrays that are arguments of a call, of what a
+call returns to, and of the end of the stack."""
+STACK = 0x4000
+ROOM = 0x100
+"""Records begin at multiples of it, and an array has as many bytes."""
 PAINT = b"\xa5"
 
 
-class CortexEcu:
-    """The firmware on an emulated Cortex-M: one ECU behind the interface of all backends."""
+class CortexRecord:
+    """A record in the memory of an emulated processor."""
 
-    def __init__(
-        self,
-        calibration: Calibration,
-        *,
-        cpu: str,
-        count: bool = False,
-        firmware: BusFirmware | None = None,
-    ) -> None:
-        """Start the ECU with the firmware of a bus, by default the built-in one.
+    def __init__(self, value: Any, memory: Any, address: int) -> None:  # noqa: ANN401
+        self.address = address
+        self._kind: type = value.__class__
+        self._memory = memory
+        self._dtype = memory_image.dtype(self._kind)
+        self.fill(memory_image.image(value))
 
-        With ``count`` its instructions are counted, which is slower.
-        """
+    @property
+    def size(self) -> int:
+        """Bytes of the record."""
+        return self._dtype.itemsize
+
+    def __getitem__(self, field: str) -> Any:  # noqa: ANN401
+        """Return the value of a field."""
+        kind, offset = self._place(field)
+        data = self._memory.mem_read(self.address + offset, kind.itemsize)
+        return np.frombuffer(data, kind, 1)[0]
+
+    def __setitem__(self, field: str, value: Any) -> None:  # noqa: ANN401
+        """Set a field."""
+        kind, offset = self._place(field)
+        data = np.array(value, kind.base).tobytes()
+        self._memory.mem_write(self.address + offset, data)
+
+    def _place(self, field: str) -> tuple[np.dtype[Any], int]:
+        assert self._dtype.fields is not None
+        kind, offset = self._dtype.fields[field][:2]
+        return kind, int(offset)
+
+    def image(self) -> bytes:
+        """The bytes of the record."""
+        return bytes(self._memory.mem_read(self.address, self.size))
+
+    def fill(self, data: bytes) -> None:
+        """Set the record from its bytes."""
+        self._memory.mem_write(self.address, data)
+
+    @property
+    def value(self) -> Any:  # noqa: ANN401
+        """A copy of the record."""
+        copy = self._kind()
+        memory_image.fill(copy, self.image())
+        return copy
+
+
+class CortexMachine:
+    """An emulated Cortex-M; ``instructions`` are those of the last call, if they are counted."""
+
+    def __init__(self, firmware: BusFirmware, *, cpu: str, count: bool = False) -> None:
         unicorn = optional("unicorn", "emulating a Cortex-M in this process", "target")
-        self._firmware = firmware or built_in()
-        image = zig_image(cpu, self._firmware)
+        image = zig_image(cpu, firmware)
         self._machine: Any = unicorn.Uc(
             unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS
         )
@@ -63,55 +98,49 @@ class CortexEcu:
                 if segment["p_type"] == "PT_LOAD":
                     self._machine.mem_write(segment["p_vaddr"], segment.data())
         self._machine.mem_write(RETURN, b"\xfe\xe7")
-        self._machine.mem_write(CALIBRATION, memory_image.image(calibration))
         self._machine.mem_write(STACK_TOP - STACK, PAINT * STACK)
-        record = self._firmware.record
-        self._kind = memory_image.dtype(record)
-        self._room = memory_image.event_of(record)["payload"].shape[0]
-        self._copy = record()
+        self._free = RECORDS
         self.instructions = 0
         if count:
             self._machine.hook_add(unicorn.UC_HOOK_CODE, self._counted)
-        self.restart()
-
-    def restart(self) -> None:
-        """Start anew, as after a loss of power."""
-        self._machine.mem_write(ECU, bytes(self._kind.itemsize))
-        rule = self.call("canroll_init", ECU, CALIBRATION)
-        if rule:
-            raise refused(rule)
 
     def _counted(self, machine: Any, address: int, size: int, data: Any) -> None:  # noqa: ANN401
         self.instructions += 1
 
-    def call(self, function: str, *arguments: int) -> int:
-        """Call a function of the firmware by its name in C."""
+    def record(self, value: Any) -> CortexRecord:  # noqa: ANN401
+        """Put a record in the memory, behind those before it."""
+        record = CortexRecord(value, self._machine, self._free)
+        self._free += -(-record.size // ROOM) * ROOM
+        return record
+
+    def call(self, function: str, *arguments: Any) -> int:  # noqa: ANN401
+        """Call a function; see :meth:`codegen.run.machine.Machine.call`."""
+        words = [self._passed(place, argument) for place, argument in enumerate(arguments)]
         names = self._registers
         # the fifth argument and those after it are on the stack, which stays aligned to eight
-        rest = arguments[4:]
+        rest = words[4:]
         top = STACK_TOP - 8 * -(-len(rest) // 2)
         self._machine.mem_write(top, struct.pack(f"<{len(rest)}i", *rest))
         self._machine.reg_write(names.UC_ARM_REG_SP, top)
         self._machine.reg_write(names.UC_ARM_REG_LR, RETURN | 1)
-        for i, argument in enumerate(arguments[:4]):
-            self._machine.reg_write(names.UC_ARM_REG_R0 + i, argument & 0xFFFFFFFF)
+        for number, word in enumerate(words[:4]):
+            self._machine.reg_write(names.UC_ARM_REG_R0 + number, word & 0xFFFFFFFF)
         self.instructions = 0
-        self._machine.emu_start(self._symbols[function] | 1, RETURN)
+        self._machine.emu_start(self._symbols[c_name(function)] | 1, RETURN)
+        for word, argument in zip(words, arguments, strict=True):
+            if isinstance(argument, bytearray):
+                argument[:] = self._machine.mem_read(word, len(argument))
         return int(self._machine.reg_read(names.UC_ARM_REG_R0))
 
-    def write(self, address: int, data: bytes) -> None:
-        """Write to the memory."""
-        self._machine.mem_write(address, data)
-
-    def read(self, address: int, size: int) -> bytes:
-        """Read from the memory."""
-        return bytes(self._machine.mem_read(address, size))
-
-    @property
-    def state(self) -> Any:  # noqa: ANN401 - the record of the bus's firmware
-        """A copy of the state record."""
-        memory_image.fill(self._copy, self.image())
-        return self._copy
+    def _passed(self, place: int, argument: Any) -> int:  # noqa: ANN401
+        """An argument as a register has it: a number, or an address."""
+        if isinstance(argument, CortexRecord):
+            return argument.address
+        if isinstance(argument, bytes | bytearray):
+            address = ARRAYS + ROOM * place
+            self._machine.mem_write(address, bytes(argument))
+            return address
+        return int(argument)
 
     @property
     def stack(self) -> int:
@@ -119,43 +148,26 @@ class CortexEcu:
         painted = bytes(self._machine.mem_read(STACK_TOP - STACK, STACK))
         return STACK - (len(painted) - len(painted.lstrip(PAINT)))
 
-    def image(self) -> bytes:
-        """The bytes of the state record."""
-        return bytes(self._machine.mem_read(ECU, self._kind.itemsize))
 
-    def receive(self, ident: int, payload: NDArray[np.uint8] | bytes, length: int) -> None:
-        """Put a received frame in its mailbox; an unmapped identifier is ignored."""
-        for slot in self._firmware.messages.get(ident, ()):
-            self.put(slot, bytes(payload).ljust(self._room, b"\0"), length)
+class CortexEcu(Ecu):
+    """An ECU on an emulated Cortex-M."""
 
-    def put(self, message: int, payload: bytes, length: int) -> None:
-        """Store a frame in the mailbox of ``message``."""
-        self._machine.mem_write(PAYLOAD, payload)
-        self.call("canroll_receive", ECU, message, PAYLOAD, length)
+    machine: CortexMachine
 
-    def advance(self, elapsed_ticks: int = 1) -> None:
-        """Run one tick; the frames to send stay marked in the record."""
-        self.call("canroll_tick", ECU, CALIBRATION, elapsed_ticks)
+    def __init__(
+        self,
+        calibration: Calibration,
+        *,
+        cpu: str,
+        count: bool = False,
+        firmware: BusFirmware | None = None,
+    ) -> None:
+        """Start the ECU with the firmware of a bus, by default the built-in one.
 
-    def tick(self, elapsed_ticks: int = 1) -> list[tuple[int, bytes]]:
-        """Run one tick and return the frames to send, in order."""
-        self.advance(elapsed_ticks)
-        return self.send()
-
-    def send(self) -> list[tuple[int, bytes]]:
-        """Return the frames marked for sending, and clear the marks as the bus driver does."""
-        packed = np.frombuffer(self.image(), self._kind, 1)[0]
-        pending = packed["tx_pending"]
-        if not pending.any():
-            return []
-        offset = self._kind.fields["tx_pending"][1]  # type: ignore[index]
-        self._machine.mem_write(ECU + offset, bytes(len(pending)))
-        frames = []
-        for slot in np.flatnonzero(pending).tolist():
-            ident, length = self._firmware.sent[slot]
-            if length:
-                frames.append((ident, packed["tx_payload"][slot].tobytes()[:length]))
-        return frames
+        With ``count`` its instructions are counted, which is slower.
+        """
+        firmware = firmware or built_in()
+        super().__init__(CortexMachine(firmware, cpu=cpu, count=count), calibration, firmware)
 
 
 def replay(
@@ -170,12 +182,11 @@ def replay(
     ecu = CortexEcu(calibration, cpu=name, count=True, firmware=firmware)
     states = np.zeros(traffic.ticks, kind)
     counts = np.zeros(traffic.ticks, np.int64)
-    bounds = np.searchsorted(traffic.frames["tick"], np.arange(traffic.ticks + 1))
-    for t in range(traffic.ticks):
-        for event in traffic.frames[bounds[t] : bounds[t + 1]]:
+    for t, (elapsed, frames) in enumerate(traffic.by_tick()):
+        for event in frames:
             ecu.put(int(event["message"]), event["payload"].tobytes(), int(event["length"]))
-        ecu.advance(int(traffic.elapsed[t]))
-        counts[t] = ecu.instructions
+        ecu.advance(elapsed)
+        counts[t] = ecu.machine.instructions
         states[t] = np.frombuffer(ecu.image(), kind, 1)[0]
         ecu.send()
-    return Run(name, "unicorn", sent(states, firmware), states, counts, ecu.stack)
+    return Run(name, "unicorn", sent(states, firmware), states, counts, ecu.machine.stack)

@@ -7,6 +7,7 @@ drop an operand is applied only where dropping it drops no effect.
 import ast
 from collections.abc import Callable, Sequence
 
+from codegen.proof.relations import NEGATED
 from codegen.subset.program import OPERATIONS
 from firmware import subset
 
@@ -19,14 +20,6 @@ RELATIONS: dict[type[ast.cmpop], Callable[[int, int], bool]] = {
     ast.GtE: lambda a, b: a >= b,
     ast.Eq: lambda a, b: a == b,
     ast.NotEq: lambda a, b: a != b,
-}
-NEGATED = {
-    ast.Lt: ast.GtE,
-    ast.LtE: ast.Gt,
-    ast.Gt: ast.LtE,
-    ast.GtE: ast.Lt,
-    ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq,
 }
 
 

@@ -120,9 +120,9 @@ def _top_level(program: Program, module: Module, node: ast.stmt) -> None:
     if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
         return
     if isinstance(node, ast.Assign) and len(node.targets) == 1:
-        _constants(program, module, node.targets[0], node.value, None)
+        _constants(program, module, node, node.targets[0], node.value)
     elif isinstance(node, ast.AnnAssign) and node.value is not None:
-        _constants(program, module, node.target, node.value, node.annotation)
+        _constants(program, module, node, node.target, node.value)
     elif isinstance(node, ast.FunctionDef):
         module.functions[node.name] = _function(program, module, node)
     elif isinstance(node, ast.ClassDef):
@@ -138,18 +138,20 @@ def _top_level(program: Program, module: Module, node: ast.stmt) -> None:
 def _constants(
     program: Program,
     module: Module,
+    statement: ast.Assign | ast.AnnAssign,
     target: ast.expr,
     value: ast.expr,
-    annotation: ast.expr | None,
 ) -> None:
+    """Note the constants that a statement sets, of which ``target`` are one or several."""
     if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
         for one, its in zip(target.elts, value.elts, strict=True):
-            _constants(program, module, one, its, None)
+            _constants(program, module, statement, one, its)
         return
     if not isinstance(target, ast.Name):
         raise SubsetError(module.path, target, "a constant is a name")
     known = evaluate(program, module, value)
     kind = "i32"
+    annotation = statement.annotation if isinstance(statement, ast.AnnAssign) else None
     if annotation is not None:
         kind = _element(program, module, annotation)
     elif isinstance(known, tuple):
@@ -165,7 +167,12 @@ def _constants(
         if not _fits(element, kind):
             raise SubsetError(module.path, target, f"{element} does not fit {kind}")
     module.constants[target.id] = Constant(
-        module.name, target.id, known, Type(kind, tuple(shape)), target.lineno
+        module.name,
+        target.id,
+        known,
+        Type(kind, tuple(shape)),
+        target.lineno,
+        max(target.lineno, statement.end_lineno or 0),
     )
 
 

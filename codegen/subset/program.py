@@ -132,6 +132,7 @@ class Constant:
     value: Const
     type: Type
     line: int
+    end_line: int
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,11 @@
 """Condition codes: whether one can hold, and how it restricts the compared registers."""
 
+import ast
+
 from capstone import arm
 
 from codegen.proof.intervals import Value, add, negate
+from codegen.proof.relations import narrow
 from codegen.worst_case.machine_state import I32, Flags, State
 
 EQ, NE, HS, LO, MI, PL = (
@@ -25,6 +28,14 @@ OPPOSITE = {EQ: NE, HS: LO, MI: PL, HI: LS, GE: LT, GT: LE}
 OPPOSITE |= {b: a for a, b in OPPOSITE.items()}
 FLIPPED = {GE: LE, LE: GE, GT: LT, LT: GT, EQ: EQ, NE: NE}
 """The condition on (b, a) that says what one on (a, b) does."""
+RELATIONS: dict[int, type[ast.cmpop]] = {
+    EQ: ast.Eq,
+    NE: ast.NotEq,
+    GE: ast.GtE,
+    LT: ast.Lt,
+    GT: ast.Gt,
+    LE: ast.LtE,
+}
 ZERO = Value(0, 0)
 
 
@@ -47,50 +58,25 @@ def where(state: State, condition: int) -> State | None:
 
 def _signed(state: State, flags: Flags, condition: int) -> State | None:
     a, b = flags.a, flags.b
-    if not _possible(a, b, condition):
+    if narrow(RELATIONS[condition], a, b) is None:
         return None
-    low, high = _limits(a, b, condition)
-    if flags.a_register >= 0 and not state.narrow(flags.a_register, low, high):
+    if not _restrict(state, flags.a_register, a, b, condition):
         return None
-    low, high = _limits(b, a, FLIPPED[condition])
-    if flags.b_register >= 0 and not state.narrow(flags.b_register, low, high):
+    if not _restrict(state, flags.b_register, b, a, FLIPPED[condition]):
         return None
     if flags.result >= 0 and condition in (EQ, NE):
-        low, high = _limits(state.registers[flags.result], ZERO, condition)
-        if not state.narrow(flags.result, low, high):
+        value = state.registers[flags.result]
+        if not _restrict(state, flags.result, value, ZERO, condition):
             return None
     return state
 
 
-def _possible(a: Value, b: Value, condition: int) -> bool:
-    if condition == EQ:
-        return a.lo <= b.hi and b.lo <= a.hi
-    if condition == NE:
-        return not a.lo == a.hi == b.lo == b.hi
-    if condition == GE:
-        return a.hi >= b.lo
-    if condition == GT:
-        return a.hi > b.lo
-    if condition == LE:
-        return a.lo <= b.hi
-    return a.lo < b.hi
-
-
-def _limits(a: Value, b: Value, condition: int) -> tuple[int, int]:
-    """The limits of a for which ``a condition b`` can hold."""
-    if condition == EQ:
-        return b.lo, b.hi
-    if condition == NE:
-        if b.lo != b.hi:
-            return a.lo, a.hi
-        return a.lo + (a.lo == b.lo), a.hi - (a.hi == b.lo)
-    if condition == GE:
-        return b.lo, I32.hi
-    if condition == GT:
-        return b.lo + 1, I32.hi
-    if condition == LE:
-        return I32.lo, b.hi
-    return I32.lo, b.hi - 1
+def _restrict(state: State, register: int, a: Value, b: Value, condition: int) -> bool:
+    """Restrict the register that holds a to ``a condition b``; return False if that is empty."""
+    if register < 0:
+        return True
+    limits = narrow(RELATIONS[condition], a if condition == NE else I32, b)
+    return limits is not None and state.narrow(register, limits.lo, limits.hi)
 
 
 def _sign(state: State, flags: Flags, condition: int) -> State | None:
@@ -105,7 +91,7 @@ def _sign(state: State, flags: Flags, condition: int) -> State | None:
 def _unsigned(state: State, flags: Flags, condition: int) -> State | None:
     a, b = _as_unsigned(flags.a), _as_unsigned(flags.b)
     signed = {HS: GE, LO: LT, HI: GT, LS: LE}[condition]
-    if not _possible(a, b, signed):
+    if narrow(RELATIONS[signed], a, b) is None:
         return None
     # below a bound that is no sign bit, a value is the same signed and unsigned
     if signed in (LT, LE) and b.hi <= I32.hi and flags.a_register >= 0:

@@ -15,12 +15,13 @@ from capstone import CsInsn, arm
 from canroll.errors import CanrollError
 from codegen.proof.intervals import Value
 from codegen.worst_case import library
+from codegen.worst_case.arithmetic import NUMBER
 from codegen.worst_case.conditions import EQ, NE, OPPOSITE, ZERO, where
 from codegen.worst_case.control_flow import Region, regions
 from codegen.worst_case.cycles import Timing
 from codegen.worst_case.machine_code import Block, Function, Image, conditional
 from codegen.worst_case.machine_state import I32, LR, SP, Flags, State, joined
-from codegen.worst_case.transfer import NUMBER, Transfer
+from codegen.worst_case.transfer import Transfer
 
 ROUNDS_MAX = 1024
 DEPTH_MAX = 32

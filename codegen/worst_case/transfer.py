@@ -3,19 +3,17 @@
 Instructions that are not modelled soundly make their targets unknown; all stores are modelled.
 """
 
-from collections.abc import Callable
-
-from capstone import CS_AC_WRITE, CsInsn, arm
+from capstone import CsInsn, arm
 
 from canroll.errors import CanrollError
-from codegen.proof.intervals import Value, add, bitwise, hull, multiply, negate
-from codegen.worst_case.conditions import OPPOSITE, ZERO, where
+from codegen.proof.intervals import Value, add, hull, multiply, negate
+from codegen.worst_case.arithmetic import NUMBER, any_value, compute
+from codegen.worst_case.conditions import OPPOSITE, where
 from codegen.worst_case.machine_code import Image, conditional
 from codegen.worst_case.machine_state import (
     I32,
     PC,
     SP,
-    Flags,
     Promises,
     State,
     joined,
@@ -30,13 +28,6 @@ LOADS = {
     "ldrsh": (2, True),
 }
 STORES = {"str": 4, "strb": 1, "strh": 2}
-NUMBER = {
-    **{getattr(arm, f"ARM_REG_R{k}"): k for k in range(13)},
-    arm.ARM_REG_SP: 13,
-    arm.ARM_REG_LR: 14,
-    arm.ARM_REG_PC: 15,
-}
-WORD = 1 << 32
 STACK_TOP = 0x4000_0000
 """Above all RAM of these processors."""
 
@@ -149,7 +140,7 @@ class Transfer:
             else:
                 state.set(target, value)
             return
-        value = _any(size, signed)
+        value = any_value(size, signed)
         if address.hi - address.lo <= 4096:
             cells = [
                 self._cell(state, a, size, signed)[0]
@@ -159,7 +150,7 @@ class Transfer:
             for cell in cells[1:]:
                 value = hull(value, cell)
             if (address.hi - address.lo) % size:
-                value = _any(size, signed)
+                value = any_value(size, signed)
         state.set(target, value)
 
     def cell(self, state: State, address: int, size: int) -> Value:
@@ -175,7 +166,7 @@ class Transfer:
         known, promise = state.memory.get(address), self.promises.at(address, size)
         if promise is not None and promise.volatile:
             return promise.value, False
-        full = _any(size, signed)
+        full = any_value(size, signed)
         value = promise.value if promise is not None else full
         if known is not None and known[0] == size:
             value = known[1]
@@ -194,7 +185,7 @@ class Transfer:
     def write(self, state: State, address: Value, size: int, value: Value) -> None:
         """Store into a cell, or into any cell in an interval of addresses."""
         if address.lo == address.hi:
-            low = _any(size, signed=False)
+            low = any_value(size, signed=False)
             if size < 4 and not (low.lo <= value.lo and value.hi <= low.hi):
                 value = low
             area = self.promises.at(address.lo, size)
@@ -261,193 +252,3 @@ BRANCHES = {
     arm.ARM_INS_IT,
     arm.ARM_INS_NOP,
 }
-
-
-def _any(size: int, signed: bool) -> Value:
-    if size == 4:
-        return I32
-    if signed:
-        return Value(-(1 << (8 * size - 1)), (1 << (8 * size - 1)) - 1)
-    return Value(0, (1 << (8 * size)) - 1)
-
-
-def operand_value(state: State, insn: CsInsn, k: int) -> Value:
-    """The value of a register or immediate operand, after its shift."""
-    operand = insn.operands[k]
-    if operand.type == arm.ARM_OP_IMM:
-        return wrapped(Value(operand.imm, operand.imm))
-    if operand.reg == arm.ARM_REG_PC:
-        return Value(insn.address + 4, insn.address + 4)
-    value = state.registers[NUMBER[operand.reg]]
-    if operand.shift.type == arm.ARM_SFT_INVALID:
-        return value
-    if operand.shift.type in SHIFTS:
-        return SHIFTS[operand.shift.type](value, operand.shift.value)
-    return I32
-
-
-def left(v: Value, n: int) -> Value:
-    """v << n in 32 bits."""
-    return wrapped(Value(v.lo << n, v.hi << n))
-
-
-def right(v: Value, n: int) -> Value:
-    """v >> n, arithmetic."""
-    return Value(v.lo >> n, v.hi >> n)
-
-
-def logical_right(v: Value, n: int) -> Value:
-    """v >> n of the unsigned number."""
-    if n == 0:
-        return v
-    if v.lo >= 0 or v.hi < 0:
-        return Value((v.lo % WORD) >> n, (v.hi % WORD) >> n)
-    return Value(0, (WORD - 1) >> n)
-
-
-SHIFTS: dict[int, Callable[[Value, int], Value]] = {
-    arm.ARM_SFT_LSL: left,
-    arm.ARM_SFT_ASR: right,
-    arm.ARM_SFT_LSR: logical_right,
-}
-SHIFT_NAMES = {"lsl": left, "asr": right, "lsr": logical_right}
-
-
-def compute(state: State, insn: CsInsn, name: str) -> None:
-    """Execute an instruction that changes only registers and flags."""
-    if name in ("cmp", "cmn", "tst"):
-        _compare(state, insn, name)
-        return
-    targets = [
-        NUMBER[o.reg]
-        for o in insn.operands
-        if o.type == arm.ARM_OP_REG and o.access & CS_AC_WRITE and o.reg in NUMBER
-    ]
-    value, flags = _result(state, insn, name)
-    if not targets:
-        return
-    for register in targets:
-        state.set(register, I32 if len(targets) > 1 else value)
-    # capstone says so of adc.w and sbc.w as well, which is sound
-    if insn.update_flags:
-        state.flags = flags
-        if flags is not None and len(targets) == 1:
-            a, b = flags.a_register, flags.b_register
-            state.flags = Flags(
-                flags.a,
-                flags.b,
-                -1 if a == targets[0] else a,
-                -1 if b == targets[0] else b,
-                targets[0],
-                flags.borrow,
-            )
-
-
-def _compare(state: State, insn: CsInsn, name: str) -> None:
-    a, b = operand_value(state, insn, 0), operand_value(state, insn, 1)
-    if name == "tst":
-        state.flags = Flags(_and(a, b), ZERO, borrow=False)
-        return
-    if name == "cmn":
-        state.flags = None if b.lo <= I32.lo else Flags(a, negate(b), _register(insn, 0))
-        if state.flags is not None and b.lo != b.hi:
-            state.flags = None
-        return
-    state.flags = Flags(a, b, _register(insn, 0), _register(insn, 1))
-
-
-def _register(insn: CsInsn, k: int) -> int:
-    operand = insn.operands[k]
-    plain = operand.type == arm.ARM_OP_REG and operand.shift.type == arm.ARM_SFT_INVALID
-    return NUMBER.get(operand.reg, -1) if plain else -1
-
-
-def _and(a: Value, b: Value) -> Value:
-    if a.lo == a.hi and b.lo == b.hi:
-        return Value(a.lo & b.lo, a.lo & b.lo)
-    return wrapped(bitwise("&", a, b))
-
-
-def _result(state: State, insn: CsInsn, name: str) -> tuple[Value, Flags | None]:
-    """The value written, and the flags if they are set."""
-    count = len(insn.operands)
-
-    def get(k: int) -> Value:
-        return operand_value(state, insn, k)
-
-    if name in ("mov", "movs", "movw"):
-        value = get(1)
-        return value, Flags(value, ZERO, borrow=False)
-    if name == "mvn":
-        value = wrapped(add(negate(get(1)), Value(-1, -1)))
-        return value, Flags(value, ZERO, borrow=False)
-    if name in ("uxtb", "uxth", "sxtb", "sxth"):
-        full = _any(1 if name.endswith("b") else 2, name[0] == "s")
-        value = get(1)
-        return (value if full.lo <= value.lo and value.hi <= full.hi else full), None
-    if name == "ubfx":
-        low, width = insn.operands[2].imm, insn.operands[3].imm
-        value = logical_right(get(1), low)
-        return (value if value.hi < 1 << width else Value(0, (1 << width) - 1)), None
-    if name == "sbfx":
-        half = 1 << (insn.operands[3].imm - 1)
-        return Value(-half, half - 1), None
-    if name in ("ssat", "usat"):
-        bits = insn.operands[1].imm
-        low, high = (
-            (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if name[0] == "s" else (0, (1 << bits) - 1)
-        )
-        return get(2).limited(low, high), None
-    if name == "clz":
-        return Value(0, 32), None
-    if name == "adr":
-        return I32, None
-    if count < 2 or insn.operands[0].type != arm.ARM_OP_REG:
-        return I32, None
-    first, second = (1, 2) if count > 2 else (0, 1)
-    a, b = get(first), get(second)
-    registers = (_register(insn, first), _register(insn, second))
-    if name in ("add", "addw"):
-        value = wrapped(add(a, b))
-        return value, _sum_flags(value, add(a, b))
-    if name in ("sub", "subw"):
-        return wrapped(add(a, negate(b))), Flags(a, b, *registers)
-    if name in ("rsb", "neg"):
-        if name == "neg" or count == 2:
-            return wrapped(negate(get(count - 1))), Flags(
-                ZERO, get(count - 1), -1, _register(insn, count - 1)
-            )
-        return wrapped(add(b, negate(a))), Flags(b, a, registers[1], registers[0])
-    if name in SHIFT_NAMES:
-        value = I32
-        if b.lo == b.hi and 0 <= b.lo < 32:
-            value = SHIFT_NAMES[name](a, b.lo)
-        elif name != "lsl" and a.lo >= 0 and b.lo >= 0:
-            value = Value(0, a.hi)
-        return value, Flags(value, ZERO, borrow=False)
-    if name in ("and", "orr", "eor", "bic"):
-        if name == "bic":
-            b = add(negate(b), Value(-1, -1))
-        if a.lo == a.hi and b.lo == b.hi:
-            number = {
-                "and": a.lo & b.lo,
-                "bic": a.lo & b.lo,
-                "orr": a.lo | b.lo,
-                "eor": a.lo ^ b.lo,
-            }[name]
-            value = Value(number, number)
-        else:
-            operator = {"and": "&", "bic": "&", "orr": "|", "eor": "^"}[name]
-            value = wrapped(bitwise(operator, a, b))
-        return value, Flags(value, ZERO, borrow=False)
-    if name == "mul":
-        value = wrapped(multiply(a, b))
-        return value, Flags(value, ZERO, borrow=False)
-    return I32, None
-
-
-def _sum_flags(value: Value, exact: Value) -> Flags | None:
-    """Flags after an addition: Z and N follow the result; nothing on the order if it overflows."""
-    if I32.lo <= exact.lo and exact.hi <= I32.hi:
-        return Flags(value, ZERO, borrow=False)
-    return None if value == I32 else Flags(value, ZERO, borrow=False)

@@ -14,7 +14,7 @@ from udsoncan.exceptions import NegativeResponseException
 
 from codegen.run import ecu_traffic
 from codegen.run.bus_firmware import built_in
-from codegen.run.uds_server import numbers
+from codegen.run.services import uds_frames
 from hil.exchange.ecu_on_bus import ecu_on_bus
 
 SECONDS = 60.0
@@ -42,7 +42,7 @@ class Number(udsoncan.DidCodec):
 
 def main() -> None:
     """Read, clear, read again."""
-    request, response = numbers(built_in())
+    request, response = uds_frames(built_in())
     address = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=request, rxid=response)
     settings = dict(udsoncan.configs.default_client_config)
     settings |= {

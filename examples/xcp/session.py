@@ -29,10 +29,10 @@ from pyxcp.types import XcpResponseError
 from codegen.export import a2l
 from codegen.run import ecu_traffic
 from codegen.run.bus_firmware import built_in
-from codegen.run.xcp_slave import PAGE_ADDRESS, STATE_ADDRESS, idents
+from codegen.run.services import PAGE_ADDRESS, STATE_ADDRESS, xcp_idents
 from hil.exchange.ecu_on_bus import ecu_on_bus
 
-IDS = idents(built_in())
+IDS = xcp_idents(built_in())
 RECORD = ecu_traffic.random_calibration(3)
 SECONDS = 60.0
 """The tool waits so long for an answer: on a busy machine the ECU's thread may be late."""

@@ -10,7 +10,7 @@ from codegen.generated.mailbox_frame import with_signals
 from codegen.run.backends import Backend, default_backend, open_backend
 from codegen.run.bus_firmware import BusFirmware, with_services
 from codegen.run.secured import SecuredEcu
-from codegen.run.served import open_ecu
+from codegen.run.services import open_ecu
 from dbc.reader import paths_of
 from firmware.event_trigger import command_slot
 from firmware.state import RX_IMU

@@ -14,7 +14,7 @@ from codegen.generated.mailbox import EXTENDED
 from codegen.run import backends
 from codegen.run.bus_firmware import built_in, with_services
 from codegen.run.ecu_traffic import Frame
-from codegen.run.served import open_ecu
+from codegen.run.services import open_ecu
 from firmware.calibration import Calibration
 
 PAUSE = 0.002

@@ -21,7 +21,7 @@ from canroll.errors import UNREADABLE, CanrollError, reason
 from codegen.run.backends import Backend
 from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.secured import NEW, Lasting
-from codegen.run.served import open_ecu
+from codegen.run.services import open_ecu
 from dbc.keys import DEVELOPMENT_KEY
 from firmware.calibration import Calibration
 from firmware.security.secoc_state import RESET_MAX
@@ -213,7 +213,7 @@ def ecu_of(
     """Start an ECU as that of a trace was: with what it remembered of earlier starts.
 
     Raises:
-        CanrollError: as :func:`codegen.run.served.open_ecu`; the trace is of another kind of bus.
+        CanrollError: as :func:`codegen.run.services.open_ecu`; the trace is of another kind of bus.
     """
     firmware = firmware or built_in()
     memory = trace.about.get("lasting")

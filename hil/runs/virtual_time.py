@@ -156,7 +156,7 @@ def connected(world: World, ecu: NativeEcu) -> Connection:
         if length:
             world.check_frame(ident, length)
     received = [(ident, number) for ident, its in messages.items() for number in its]
-    places = ecu.ecu.dtype.fields
+    places = ecu.record.array.dtype.fields
     assert places is not None
     payloads, payloads_at = places["tx_payload"][:2]
     buffer = np.zeros(MAX_PAYLOAD, np.uint8)
@@ -177,7 +177,7 @@ def connected(world: World, ecu: NativeEcu) -> Connection:
         payloads_at=payloads_at,
         payload_size=payloads.shape[-1],
     )
-    return Connection(to_record(firmware), ecu.ecu.view(np.uint8), buffer)
+    return Connection(to_record(firmware), ecu.record.array.view(np.uint8), buffer)
 
 
 def _in_room(values: Sequence[int]) -> NDArray[np.int64]:

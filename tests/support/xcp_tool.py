@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from codegen.run import memory_image
-from codegen.run.served import ServedEcu
-from codegen.run.xcp_slave import PAGE_ADDRESS, STATE_ADDRESS
+from codegen.run.services import PAGE_ADDRESS, STATE_ADDRESS, ServedEcu
 from firmware.calibration import Calibration
 from firmware.services import xcp
 

@@ -23,8 +23,7 @@ from canroll.errors import CanrollError
 from codegen.generated.mailbox import Mailbox
 from codegen.run import ecu_traffic, memory_image, native
 from codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_services
-from codegen.run.uds_server import numbers as uds_numbers
-from codegen.run.xcp_slave import numbers as xcp_numbers
+from codegen.run.services import uds_frames, xcp_frames
 from dbc.reader import Files, paths_of
 from firmware.calibration import Calibration
 from firmware.subset import fields
@@ -102,9 +101,9 @@ def material(
     heard = ", ".join(map(str, sorted(firmware.heard)))
     services = []
     if "xcp" in firmware.services:
-        services.append(f"#define HAS_XCP\n#define XCP_HEARS {xcp_numbers(firmware)[0]}u\n")
+        services.append(f"#define HAS_XCP\n#define XCP_HEARS {xcp_frames(firmware)[0]}u\n")
     if "uds" in firmware.services:
-        services.append(f"#define HAS_UDS\n#define UDS_HEARS {uds_numbers(firmware)[0]}u\n")
+        services.append(f"#define HAS_UDS\n#define UDS_HEARS {uds_frames(firmware)[0]}u\n")
     size = memory_image.dtype(Calibration).itemsize
     return "".join(
         [

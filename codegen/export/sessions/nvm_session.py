@@ -1,15 +1,13 @@
 """What outlives a loss of power, in a bundle: its note, and its test by the reference."""
 
-from importlib.resources import files
-
-import numpy as np
-
+from codegen.export.sessions.session import Session
 from codegen.run import memory_image, native
-from codegen.run.backends import NativeEcu
 from codegen.run.bus_firmware import BusFirmware
+from codegen.run.ecu import Ecu
 from codegen.run.ecu_traffic import Traffic
-from codegen.run.served import ServedEcu
+from codegen.run.services import Server
 from firmware.calibration import Calibration
+from firmware.services import nvm_state
 
 NOTE = """
 ## Non-volatile memory
@@ -22,11 +20,11 @@ as it is to your memory; nothing of it changes meanwhile. After `canroll_init`{i
 read it back and call `canroll_nvm_restore(&nvm, &ecu, &calibration);`{restore}
 0 means restored; 1: no record, or one of another version, 2: damaged (CRC-32), 3: saved with a
 calibration of another id. Then the ECU is as after `canroll_init`. Two places, written in turn,
-keep the last good record where power goes during a write. `test/test_nvm.c` does all this.
+keep the last good record where power goes during a write.
 """
 SAVE = " `canroll_nvm_uds_save(&nvm, &uds);`"
 RESTORE = "\nthen `canroll_nvm_uds_restore(&nvm, &uds, &ecu, &calibration);`."
-FILES = "| `test/test_nvm.c` | what outlives a loss of power: saved, damaged, restored |\n"
+FILES = "| `test/session_nvm.c` | what outlives a loss of power: saved, damaged, restored |\n"
 
 
 def note(firmware: BusFirmware) -> str:
@@ -41,41 +39,58 @@ def note(firmware: BusFirmware) -> str:
     )
 
 
-def sources(firmware: BusFirmware, record: Calibration, traffic: Traffic) -> dict[str, str]:
-    """Return the test by its places in the bundle: its program, and the reference's CRC."""
-    uds = "nvm_uds" in firmware.services
-    lines = [
-        "/* The record that the reference saves after the test vectors. */",
-        f"#define NVM_CRC 0x{_crc(firmware, record, traffic):08X}u",
-        *(["#define NVM_UDS 1"] if uds else []),
-    ]
-    template = files("codegen.export").joinpath("templates", "test_nvm.c")
-    return {
-        "test/test_nvm.c": template.read_text(encoding="utf-8"),
-        "test/nvm_session.h": "\n".join([*lines, ""]),
-    }
+def source(firmware: BusFirmware, record: Calibration, traffic: Traffic) -> str:
+    """The session in C: a record saved after the traffic, damaged, and restored."""
+    session = Session(native.NativeMachine(firmware), firmware)
+    session.begin("NVM")
+    ecu = Ecu(session, record, firmware)
+    served = "nvm_uds" in firmware.services
+    server = Server(ecu) if served else None
+    state, cal = session.records["ecu"], session.records["calibration"]
+    for elapsed, frames in traffic.by_tick():
+        session.tick(state, cal, elapsed, frames)
+        if server is not None:
+            server.tick(elapsed)
+    nvm = session.record(firmware.module("services.nvm_state").Nvm())
+    session.call("nvm.save", nvm, state, cal)
+    if server is not None:
+        session.call("nvm_uds.save", nvm, server.record)
+    session.digest(nvm)
+    session.call("nvm.size", nvm)
+    started = [session.record(firmware.record())]
+    session.call("init", started[0], cal)
+    if served:
+        started.append(session.record(firmware.module("services.uds_state").Uds()))
+        session.call("uds.init", started[1], started[0])
 
+    def restored() -> int:
+        """Restore; return the reason of a refusal, after which all is as it was."""
+        rule = session.call("nvm.restore", nvm, started[0], cal)
+        if served and rule == 0:
+            rule = session.call("nvm_uds.restore", nvm, started[1], started[0], cal)
+        return rule
 
-def _crc(firmware: BusFirmware, record: Calibration, traffic: Traffic) -> int:
-    """The CRC of the record that CPython saves of the compiled ECU's state after the traffic."""
-    ecu = NativeEcu(record, firmware)
-    served = ServedEcu(ecu, record, firmware)
-    library = native.library_of(firmware)
-    state = library.ffi.from_buffer("uint8_t[]", ecu.ecu, require_writable=True)
-    frames, place = traffic.frames, 0
-    for tick, elapsed in enumerate(traffic.elapsed.tolist()):
-        while place < len(frames) and frames[place]["tick"] == tick:
-            its = frames[place]
-            payload = its["payload"].tobytes()
-            library.lib.canroll_put(state, int(its["message"]), payload, int(its["length"]))
-            place += 1
-        served.run(elapsed)
-    nvm = firmware.module("services.nvm_state").Nvm()
-    last = firmware.record()
-    memory_image.fill(last, ecu.image())
-    firmware.module("services.nvm").save(nvm, last, record)
-    if "uds" in served.services:
-        uds = firmware.module("services.uds_state").Uds()
-        memory_image.fill(uds, np.asarray(served.services["uds"].record).tobytes())
-        firmware.module("services.nvm_uds").save(nvm, uds)
-    return int(nvm.crc) & 0xFFFFFFFF
+    before = [each.image() for each in started]
+    saved = nvm.image()
+    for at in range(len(saved)):
+        nvm.flip(at, at & 7)
+        assert restored() != 0
+        nvm.flip(at, at & 7)
+    nvm.fill(b"\xff" * len(saved))
+    assert restored() == nvm_state.ANOTHER_VERSION
+    nvm.fill(saved)
+    places = memory_image.dtype(Calibration).fields
+    assert places is not None
+    cal.flip(int(places["id"][1]))
+    assert restored() == nvm_state.ANOTHER_CALIBRATION
+    cal.flip(int(places["id"][1]))
+    assert [each.image() for each in started] == before
+    for each in started:
+        session.digest(each)
+    assert restored() == 0
+    for each in started:
+        session.digest(each)
+    return session.source(
+        "What outlives a loss of power: saved, damaged, restored.",
+        f"NVM, a record of {len(saved)} bytes",
+    )

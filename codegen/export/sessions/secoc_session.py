@@ -1,10 +1,9 @@
 """Authenticated frames in a bundle: the key's file, the example's calls, and a test by itself."""
 
-from collections.abc import Iterator, Sequence
-from importlib.resources import files
-
+from codegen.export.sessions.session import Session
+from codegen.run import native
 from codegen.run.bus_firmware import BusFirmware
-from codegen.run.secured import LISTENING_US
+from codegen.run.secured import LISTENING_US, Secoc
 from dbc.keys import DEVELOPMENT_KEY
 from firmware.calibration import Calibration
 from firmware.security.secoc_state import PAYLOAD, SECURED
@@ -25,7 +24,7 @@ sent.
 """
 FILES = (
     "| `src/canroll_key.c` | the key of the bus; as it is a public one: replace it |\n"
-    "| `test/test_secoc.c` | authentication as a board calls it, tested by a session |\n"
+    "| `test/session_secoc.c` | frames protected and verified, compared byte for byte |\n"
 )
 KEY_HEADER = """\
 /* The key of the bus, AES of 128 bits. */
@@ -72,6 +71,7 @@ PLACES = {
 """What node.c has of authentication, by the placeholder ``{secoc_…}`` in its template."""
 TEST_KEY = bytes(range(0x30, 0x40))
 LISTENING = 3
+SENT = 24
 HEARD: tuple[tuple[int, int, int | None], ...] = (
     *((1, 0, None), (1, 1, None), (1, 2, None), (1, 3, None), (1, 3, None), (1, 9, None)),
     *((1, 8, None), (1, 10, 5), (1, 10, 66), (1, 10, 90), (1, 10, 127), (1, 10, None)),
@@ -92,59 +92,40 @@ def example(text: str, firmware: BusFirmware, record: Calibration) -> str:
 
 def sources(firmware: BusFirmware) -> dict[str, str]:
     """Return the files of the key and of the test by their places in the bundle."""
-    template = files("codegen.export").joinpath("templates", "test_secoc.c")
     key = ", ".join(f"0x{byte:02X}" for byte in DEVELOPMENT_KEY)
     return {
         "include/canroll_key.h": KEY_HEADER,
         "src/canroll_key.c": KEY_SOURCE.format(key=key),
-        "test/test_secoc.c": template.read_text(encoding="utf-8"),
-        "test/secoc_session.h": "\n".join(_session(firmware)),
+        "test/session_secoc.c": _source(firmware),
     }
 
 
-def _session(firmware: BusFirmware) -> Iterator[str]:
+def _source(firmware: BusFirmware) -> str:
+    return session(firmware).source(
+        "Authenticated frames, sent and received.",
+        f"SecOC, {SENT} frames sent and {len(HEARD)} judged, byte for byte",
+    )
+
+
+def session(firmware: BusFirmware) -> Session:
     """A session by the reference: frames protected, and frames of another node judged."""
+    its = Session(native.NativeMachine(firmware), firmware)
+    its.begin("SecOC")
+    node = Secoc(its, firmware)
+    node.start(TEST_KEY, 7, LISTENING)
+    for step in range(SENT):
+        plain = bytes((11 * step + k) & 255 for k in range(PAYLOAD))
+        node.protect(step % len(firmware.sent), plain.ljust(SECURED, b"\0"))
     secoc, state = firmware.module("security.secoc"), firmware.module("security.secoc_state")
-    its, other = state.Secoc(), state.Secoc()
-    for one in (its, other):
-        secoc.start(one, list(TEST_KEY), 7, LISTENING)
-    sent = []
-    for step in range(24):
-        plain = [(11 * step + k) & 255 for k in range(PAYLOAD)]
-        frame = [*plain, *[0] * (SECURED - PAYLOAD)]
-        secoc.protect(its, step % len(firmware.sent), frame)
-        sent.append((step % len(firmware.sent), plain, frame))
-    judged = []
+    other = state.Secoc()
+    secoc.start(other, list(TEST_KEY), 7, LISTENING)
     for reset, count, flipped in HEARD:
         frame = [*range(count & 15, PAYLOAD + (count & 15)), reset & 255, *count.to_bytes(3, "big")]
         mac = secoc.authenticate(other, secoc.RX_DATA_IDS[0], frame, reset, count)
         frame += [mac >> shift & 255 for shift in (24, 16, 8, 0)]
         if flipped is not None:
             frame[flipped // 8] ^= 1 << flipped % 8
-        secoc.elapse(its, 1)
-        judged.append((secoc.verify(its, 0, frame, SECURED), frame))
-    yield "/* A session of authenticated frames, judged by the reference. */"
-    yield "#include <stdint.h>"
-    yield ""
-    yield f"#define SECOC_SENT {len(sent)}"
-    yield f"#define SECOC_RECEIVED {len(judged)}"
-    yield f"#define SECOC_LISTENING {LISTENING}"
-    yield f"#define SECOC_REFUSED {its.refused}"
-    yield ""
-    yield "typedef struct { int32_t slot; uint8_t plain[8], secured[16]; } secoc_sent_frame;"
-    yield "typedef struct { int32_t taken; uint8_t frame[16]; } secoc_received_frame;"
-    yield ""
-    yield f"static const uint8_t secoc_key[16] = {{ {_listed(TEST_KEY)} }};"
-    yield f"static const secoc_sent_frame secoc_sent[{len(sent)}] = {{"
-    for slot, plain, secured in sent:
-        yield f"    {{ {slot}, {{ {_listed(plain)} }}, {{ {_listed(secured)} }} }},"
-    yield "};"
-    yield f"static const secoc_received_frame secoc_received[{len(judged)}] = {{"
-    for taken, frame in judged:
-        yield f"    {{ {taken}, {{ {_listed(frame)} }} }},"
-    yield "};"
-    yield ""
-
-
-def _listed(values: Sequence[int] | bytes) -> str:
-    return ", ".join(str(value) for value in values)
+        node.elapse(1)
+        node.verify(0, bytes(frame), SECURED)
+    its.digest(its.records["secoc"])
+    return its

@@ -1,14 +1,17 @@
 """The session of UDS that a bundle with the service tests itself by."""
 
-from codegen.export.sessions.service_session import session_test
+from codegen.export.sessions.session import REST, Session
+from codegen.run import native
 from codegen.run.bus_firmware import BusFirmware
+from codegen.run.ecu import Ecu
+from codegen.run.services import Server
 from firmware.calibration import Calibration
 from firmware.services import fault_memory, uds, uds_state
 
 NOTE = """
 ## Diagnostics
 
-UDS over ISO-TP by physical addressing, beside the loop: `test/test_uds.c` is how a board runs it.
+UDS over ISO-TP by physical addressing, beside the loop.
 Own one more record, `static canroll_uds uds;`. After `canroll_init` call
 `canroll_uds_init(&uds, &ecu)`; `canroll_uds_receive` for each frame of the tester, also in an
 interrupt; `canroll_uds_tick` after each `canroll_tick`, with the calibration that it ran on; then
@@ -23,7 +26,7 @@ send `uds.tx_payload`, eight bytes, where `uds.tx_pending` is 1, and clear it. I
 | 22 | data, each as the A2L has its format: {data} |
 | 3E | tester present |
 """
-FILES = "| `test/test_uds.c` | the service as a board runs it, tested by a session |\n"
+FILES = "| `test/session_uds.c` | frames of a tester, and the frames that answer them |\n"
 DATA = (
     "0100 mode, 0101 time, 0102 speed, 0103 roll rate, 0104 lateral acceleration, 0105 moment, "
     "0106 commands sent, 0110 id and 0111 CRC of the calibration, F186 session"
@@ -54,10 +57,28 @@ def frames() -> list[bytes]:
     return [bytes([len(request), *request]) for request in requests]
 
 
-def sources(firmware: BusFirmware, record: Calibration) -> dict[str, str]:
-    """The test of the service: its program, and the session with the reference's answers."""
-    asked = []
+def source(firmware: BusFirmware, record: Calibration) -> str:
+    """The session in C, with the reference's answers."""
+    asked: dict[int, bytes] = {}
     for k, frame in enumerate(frames()):
         # an answer of several frames goes on when the tester is ready
-        asked += [(50 * k + 1, frame), (50 * k + 3, CLEAR_TO_SEND)]
-    return session_test("uds", firmware, record, asked)
+        asked |= {50 * k + 1: frame, 50 * k + 3: CLEAR_TO_SEND}
+    session = Session(native.NativeMachine(firmware), firmware)
+    session.begin("UDS")
+    ecu = Ecu(session, record, firmware)
+    server = Server(ecu)
+    answers = 0
+    for tick in range(max(asked) + REST):
+        if tick in asked:
+            server.receive(asked[tick])
+        ecu.tick()
+        server.tick(1)
+        session.read(session.records["uds"], "tx_pending")
+        if server.record["tx_pending"]:
+            session.read(session.records["uds"], "tx_payload")
+            server.take()
+            answers += 1
+    return session.source(
+        "Frames of a tester, and the answers.",
+        f"UDS, {len(asked)} frames and {answers} answers, byte for byte",
+    )

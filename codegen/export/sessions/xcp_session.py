@@ -4,10 +4,11 @@ import struct
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from codegen.export.sessions.service_session import session_test
-from codegen.run import memory_image
+from codegen.export.sessions.session import REST, Session
+from codegen.run import memory_image, native
 from codegen.run.bus_firmware import BusFirmware
-from codegen.run.xcp_slave import PAGE_ADDRESS, STATE_ADDRESS
+from codegen.run.ecu import Ecu
+from codegen.run.services import PAGE_ADDRESS, STATE_ADDRESS, Slave
 from firmware.calibration import Calibration
 from firmware.limits import LAST_BYTE
 from firmware.services import xcp
@@ -17,7 +18,7 @@ WAIT = 100
 NOTE = """
 ## XCP
 
-The service is beside the loop and costs it nothing: `test/test_xcp.c` is how a board runs it.
+The service is beside the loop and costs it nothing.
 Own two more records, which need not be initialised: `static canroll_xcp xcp;` and the working page,
 `static canroll_calibration working;`. `canroll_xcp_init` once, with the addresses by which the tool
 names `ecu` and `calibration`: those of `canroll.a2l`, {state} and {page} until
@@ -30,9 +31,7 @@ Identifiers: {master} to the ECU, {slave} from it.
 The loop changes to the working page only when `check` accepts it; the tool gets error 0x26 with the
 rule otherwise. While the loop runs on it the page is not written (0x23).
 """
-FILES = (
-    "| `test/test_xcp.c` | the service as a board runs it, and a session that it is tested by |\n"
-)
+FILES = "| `test/session_xcp.c` | commands of a tool, and the frames that answer them |\n"
 
 
 def commands(mode: int) -> list[bytes]:
@@ -85,21 +84,46 @@ def commands(mode: int) -> list[bytes]:
     ]
 
 
-def sources(firmware: BusFirmware, record: Calibration) -> dict[str, str]:
-    """The test of the service: its program, and the session with the reference's answers."""
+def source(firmware: BusFirmware, record: Calibration) -> str:
+    """The session in C, with the reference's answers."""
     state: Any = memory_image.dtype(firmware.record).fields
-    asked = list(_timed(commands(int(state["mode"][1]))))
+    asked = dict(_timed(commands(int(state["mode"][1]))))
+    session = Session(native.NativeMachine(firmware), firmware)
+    session.begin("XCP")
+    ecu = Ecu(session, record, firmware)
+    slave = Slave(ecu)
+    answers = 0
+    # words as the memory has them: the CRC, and that in the second frame of a sample
     sealed = bytes([xcp.POSITIVE]) + memory_image.image(record)[LAST_BYTE - 3 :]
+    for tick in range(max(asked) + REST):
+        if tick in asked:
+            slave.receive(asked[tick])
+        ecu.tick()
+        slave.tick(1)
+        session.read(session.records["xcp"], "tx_pending")
+        for slot, mark in enumerate(slave.record["tx_pending"]):
+            if mark:
+                _read_answer(session, slot, sealed)
+        if any(slave.record["tx_pending"]):
+            answers += len(slave.take())
+    return session.source(
+        "Commands of a tool, and the answers.",
+        f"XCP, {len(asked)} commands and {answers} answers, byte for byte",
+    )
 
-    def word_in(answer: bytes) -> int:
-        # the words that the tool reads: the CRC, and the one in the second frame of a sample
-        return 1 if answer == sealed or answer[0] == 1 else 0
 
-    heading = [
-        f"#define XCP_STATE_ADDRESS 0x{STATE_ADDRESS:08X}",
-        f"#define XCP_PAGE_ADDRESS 0x{PAGE_ADDRESS:08X}",
-    ]
-    return session_test("xcp", firmware, record, asked, heading, word_in=word_in)
+def _read_answer(session: Session, slot: int, sealed: bytes) -> None:
+    """Compare the frame in a slot."""
+    record = session.records["xcp"]
+    session.read(record, "tx_length", slot)
+    length = int(record["tx_length"][slot])
+    answer = bytes(record["tx_payload"][slot][:length])
+    if answer == sealed or answer[0] == 1:
+        session.read(record, "tx_payload", slot, part=slice(1))
+        session.read(record, "tx_payload", slot, part=slice(1, 5), memory=True)
+        session.read(record, "tx_payload", slot, part=slice(5, length))
+    else:
+        session.read(record, "tx_payload", slot, part=slice(length))
 
 
 def _timed(asked: Sequence[bytes]) -> Iterator[tuple[int, bytes]]:

@@ -714,151 +714,74 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte seriali
     return fmi3OK;
 }
 
-/* What this FMU has none of. */
+/* Unsupported optional functions of FMI, and those of model exchange. */
 
-fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance)
-{
-    return failed(instance, "there are no structural parameters");
-}
+#if defined(__GNUC__)
+#pragma GCC diagnostic ignored "-Wunused-parameter"
+#endif
 
-fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance)
-{
-    return failed(instance, "there are no structural parameters");
-}
+#define REFUSES(name, parameters, why)                                                             \
+    fmi3Status name parameters                                                                     \
+    {                                                                                              \
+        return failed(instance, why);                                                              \
+    }
 
-fmi3Status fmi3GetNumberOfVariableDependencies(fmi3Instance instance,
-                                               fmi3ValueReference valueReference,
-                                               size_t *nDependencies)
-{
-    (void)valueReference, (void)nDependencies;
-    return failed(instance, "dependencies are not provided");
-}
+#define REFERENCES fmi3Instance instance, const fmi3ValueReference references[], size_t count
+#define VALUES fmi3Instance instance, fmi3Float64 values[], size_t n
+#define DERIVATIVES                                                                                \
+    fmi3Instance instance, const fmi3ValueReference unknowns[], size_t nUnknowns,                  \
+        const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[], size_t nSeed, \
+        fmi3Float64 sensitivity[], size_t nSensitivity
+#define NO_STRUCTURE "there are no structural parameters"
+#define NO_DEPENDENCIES "dependencies are not provided"
+#define NO_DERIVATIVES "derivatives are not provided"
+#define FIXED_INTERVALS "the intervals of the clocks cannot be set"
+#define FIXED_SHIFTS "the shifts of the clocks cannot be set"
+#define NO_SCHEDULE "scheduled execution is not supported"
+#define NO_EXCHANGE "model exchange is not supported"
 
-fmi3Status fmi3GetVariableDependencies(fmi3Instance instance, fmi3ValueReference dependent,
-                                       size_t elementIndicesOfDependent[],
-                                       fmi3ValueReference independents[],
-                                       size_t elementIndicesOfIndependents[],
-                                       fmi3DependencyKind dependencyKinds[], size_t nDependencies)
-{
-    (void)dependent, (void)elementIndicesOfDependent, (void)independents;
-    (void)elementIndicesOfIndependents, (void)dependencyKinds, (void)nDependencies;
-    return failed(instance, "dependencies are not provided");
-}
-
-fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const fmi3ValueReference unknowns[],
-                                        size_t nUnknowns, const fmi3ValueReference knowns[],
-                                        size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,
-                                        fmi3Float64 sensitivity[], size_t nSensitivity)
-{
-    (void)unknowns, (void)nUnknowns, (void)knowns, (void)nKnowns, (void)seed, (void)nSeed;
-    (void)sensitivity, (void)nSensitivity;
-    return failed(instance, "derivatives are not provided");
-}
-
-fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueReference unknowns[],
-                                    size_t nUnknowns, const fmi3ValueReference knowns[],
-                                    size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,
-                                    fmi3Float64 sensitivity[], size_t nSensitivity)
-{
-    (void)unknowns, (void)nUnknowns, (void)knowns, (void)nKnowns, (void)seed, (void)nSeed;
-    (void)sensitivity, (void)nSensitivity;
-    return failed(instance, "derivatives are not provided");
-}
-
-fmi3Status fmi3SetIntervalDecimal(fmi3Instance instance,
-                                  const fmi3ValueReference valueReferences[],
-                                  size_t nValueReferences, const fmi3Float64 intervals[])
-{
-    (void)valueReferences, (void)nValueReferences, (void)intervals;
-    return failed(instance, "the intervals of the clocks cannot be set");
-}
-
-fmi3Status fmi3SetIntervalFraction(fmi3Instance instance,
-                                   const fmi3ValueReference valueReferences[],
-                                   size_t nValueReferences, const fmi3UInt64 counters[],
-                                   const fmi3UInt64 resolutions[])
-{
-    (void)valueReferences, (void)nValueReferences, (void)counters, (void)resolutions;
-    return failed(instance, "the intervals of the clocks cannot be set");
-}
-
-fmi3Status fmi3SetShiftDecimal(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                               size_t nValueReferences, const fmi3Float64 shifts[])
-{
-    (void)valueReferences, (void)nValueReferences, (void)shifts;
-    return failed(instance, "the shifts of the clocks cannot be set");
-}
-
-fmi3Status fmi3SetShiftFraction(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                                size_t nValueReferences, const fmi3UInt64 counters[],
-                                const fmi3UInt64 resolutions[])
-{
-    (void)valueReferences, (void)nValueReferences, (void)counters, (void)resolutions;
-    return failed(instance, "the shifts of the clocks cannot be set");
-}
+REFUSES(fmi3EnterConfigurationMode, (fmi3Instance instance), NO_STRUCTURE)
+REFUSES(fmi3ExitConfigurationMode, (fmi3Instance instance), NO_STRUCTURE)
+REFUSES(fmi3GetNumberOfVariableDependencies,
+        (fmi3Instance instance, fmi3ValueReference valueReference, size_t *nDependencies),
+        NO_DEPENDENCIES)
+REFUSES(fmi3GetVariableDependencies,
+        (fmi3Instance instance, fmi3ValueReference dependent, size_t elementIndicesOfDependent[],
+         fmi3ValueReference independents[], size_t elementIndicesOfIndependents[],
+         fmi3DependencyKind dependencyKinds[], size_t nDependencies),
+        NO_DEPENDENCIES)
+REFUSES(fmi3GetDirectionalDerivative, (DERIVATIVES), NO_DERIVATIVES)
+REFUSES(fmi3GetAdjointDerivative, (DERIVATIVES), NO_DERIVATIVES)
+REFUSES(fmi3SetIntervalDecimal, (REFERENCES, const fmi3Float64 intervals[]), FIXED_INTERVALS)
+REFUSES(fmi3SetIntervalFraction,
+        (REFERENCES, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[]), FIXED_INTERVALS)
+REFUSES(fmi3SetShiftDecimal, (REFERENCES, const fmi3Float64 shifts[]), FIXED_SHIFTS)
+REFUSES(fmi3SetShiftFraction,
+        (REFERENCES, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[]), FIXED_SHIFTS)
+REFUSES(fmi3GetOutputDerivatives,
+        (REFERENCES, const fmi3Int32 orders[], fmi3Float64 values[], size_t nValues),
+        NO_DERIVATIVES)
+REFUSES(fmi3ActivateModelPartition,
+        (fmi3Instance instance, fmi3ValueReference clockReference, fmi3Float64 activationTime),
+        NO_SCHEDULE)
+REFUSES(fmi3EnterContinuousTimeMode, (fmi3Instance instance), NO_EXCHANGE)
+REFUSES(fmi3CompletedIntegratorStep,
+        (fmi3Instance instance, fmi3Boolean noSetFMUStatePriorToCurrentPoint,
+         fmi3Boolean *enterEventMode, fmi3Boolean *terminateSimulation),
+        NO_EXCHANGE)
+REFUSES(fmi3SetTime, (fmi3Instance instance, fmi3Float64 time), NO_EXCHANGE)
+REFUSES(fmi3SetContinuousStates,
+        (fmi3Instance instance, const fmi3Float64 values[], size_t n), NO_EXCHANGE)
+REFUSES(fmi3GetContinuousStateDerivatives, (VALUES), NO_EXCHANGE)
+REFUSES(fmi3GetEventIndicators, (VALUES), NO_EXCHANGE)
+REFUSES(fmi3GetContinuousStates, (VALUES), NO_EXCHANGE)
+REFUSES(fmi3GetNominalsOfContinuousStates, (VALUES), NO_EXCHANGE)
 
 fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance instance)
 {
     (void)instance;
     return fmi3OK;
 }
-
-fmi3Status fmi3GetOutputDerivatives(fmi3Instance instance,
-                                    const fmi3ValueReference valueReferences[],
-                                    size_t nValueReferences, const fmi3Int32 orders[],
-                                    fmi3Float64 values[], size_t nValues)
-{
-    (void)valueReferences, (void)nValueReferences, (void)orders, (void)values, (void)nValues;
-    return failed(instance, "derivatives are not provided");
-}
-
-fmi3Status fmi3ActivateModelPartition(fmi3Instance instance, fmi3ValueReference clockReference,
-                                      fmi3Float64 activationTime)
-{
-    (void)clockReference, (void)activationTime;
-    return failed(instance, "scheduled execution is not supported");
-}
-
-/* Of model exchange, which importers look up but never call here. */
-
-fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance instance)
-{
-    return failed(instance, "model exchange is not supported");
-}
-
-fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance,
-                                       fmi3Boolean noSetFMUStatePriorToCurrentPoint,
-                                       fmi3Boolean *enterEventMode,
-                                       fmi3Boolean *terminateSimulation)
-{
-    (void)noSetFMUStatePriorToCurrentPoint, (void)enterEventMode, (void)terminateSimulation;
-    return failed(instance, "model exchange is not supported");
-}
-
-fmi3Status fmi3SetTime(fmi3Instance instance, fmi3Float64 time)
-{
-    (void)time;
-    return failed(instance, "model exchange is not supported");
-}
-
-fmi3Status fmi3SetContinuousStates(fmi3Instance instance, const fmi3Float64 continuousStates[],
-                                   size_t nContinuousStates)
-{
-    (void)continuousStates, (void)nContinuousStates;
-    return failed(instance, "model exchange is not supported");
-}
-
-#define OF_MODEL_EXCHANGE(name)                                                                    \
-    fmi3Status name(fmi3Instance instance, fmi3Float64 values[], size_t n)                         \
-    {                                                                                              \
-        (void)values, (void)n;                                                                     \
-        return failed(instance, "model exchange is not supported");                                \
-    }
-
-OF_MODEL_EXCHANGE(fmi3GetContinuousStateDerivatives)
-OF_MODEL_EXCHANGE(fmi3GetEventIndicators)
-OF_MODEL_EXCHANGE(fmi3GetContinuousStates)
-OF_MODEL_EXCHANGE(fmi3GetNominalsOfContinuousStates)
 
 fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t *nEventIndicators)
 {

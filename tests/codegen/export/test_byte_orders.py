@@ -23,7 +23,6 @@ MACHINES = {
 }
 """By byte order: compiler, emulator, and the package of the compiler."""
 FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Werror")
-DATA = {"test_main": "vectors.c", "test_cases": "cases.c", "test_nvm": "vectors.c"}
 MAIN = """
 int main(void);
 extern const canroll_calibration calibration;
@@ -58,14 +57,12 @@ def folder(request, tmp_path_factory):
     return path
 
 
-def built(folder, program, order, image):
+def built(folder, programs, order, image):
     """Build a program of the bundle for a machine; skip where a tool lacks."""
     compiler, emulator, package = MACHINES[order]
     if not shutil.which(compiler) or not shutil.which(emulator):
         pytest.skip(f"needs {compiler} and {emulator} (packages {package} and qemu-user)")
-    data = DATA.get(program.stem)
-    files = [*sorted((folder / "src").glob("*.c")), program]
-    files += [folder / "test" / data] if data else []
+    files = [*sorted((folder / "src").glob("*.c")), *programs]
     include = [f"-I{folder / 'include'}", f"-I{folder / 'test'}"]
     command = [compiler, *FLAGS, *include, "-static", "-o", image, *files]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -77,13 +74,14 @@ def built(folder, program, order, image):
 @pytest.mark.parametrize("order", MACHINES)
 def test_every_program_of_the_bundle_passes(folder, order, tmp_path):
     passed = set()
-    for program in sorted((folder / "test").glob("test_*.c")):
-        command = built(folder, program, order, tmp_path / program.stem)
+    for session in sorted((folder / "test").glob("session_*.c")):
+        programs = [folder / "test" / "test_session.c", session]
+        command = built(folder, programs, order, tmp_path / session.stem)
         ran = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert ran.returncode == 0, f"{program.stem}: {ran.stdout}"
+        assert ran.returncode == 0, f"{session.stem}: {ran.stdout}"
         assert ran.stdout.startswith("PASS: ")
-        passed.add(program.stem)
-    assert {"test_main", "test_cases"} <= passed
+        passed.add(session.stem)
+    assert {"session_vectors", "session_cases"} <= passed
 
 
 def tables():
@@ -105,7 +103,7 @@ def test_an_image_says_the_byte_order_of_a2l_and_flash(order, tmp_path):
     (tmp_path / "src").mkdir()
     program = tmp_path / "main.c"
     program.write_text(gains_header(RECORD, title=["sample"]) + MAIN)
-    _, image = built(tmp_path, program, order, tmp_path / "main")
+    _, image = built(tmp_path, [program], order, tmp_path / "main")
     (tmp_path / "canroll.a2l").write_text(a2l.a2l(a2l.Software("test", RECORD)))
     assert "BYTE_ORDER MSB_LAST\n" in (tmp_path / "canroll.a2l").read_text()
     calibration = tmp_path / "calibration.toml"

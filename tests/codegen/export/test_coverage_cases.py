@@ -7,7 +7,7 @@ import subprocess
 import pytest
 
 from codegen.c99 import emit
-from codegen.export import coverage_cases, layout
+from codegen.export import coverage_cases
 from codegen.export.bundle import TEMPLATES
 from codegen.run import native
 from codegen.run.bus_firmware import built_in
@@ -25,11 +25,9 @@ def built(folder, *, flags):
     for name, text in emit.firmware().items():
         (folder / name).write_text(text)
     found = list(coverage_cases.cases(built_in().bus))
-    header, source = coverage_cases.sources(native.library(), found)
-    (folder / "cases.h").write_text(header)
-    (folder / "cases.c").write_text(source)
-    (folder / "layout.h").write_text(layout.header(built_in().record))
-    shutil.copy(TEMPLATES / "test_cases.c", folder)
+    (folder / "session_cases.c").write_text(coverage_cases.source(built_in(), found))
+    for name in ("session.h", "test_session.c"):
+        shutil.copy(TEMPLATES / name, folder)
     sources = sorted(path.name for path in folder.glob("*.c"))
     subprocess.run(["gcc", "-std=c99", *flags, "-o", "cases", *sources], cwd=folder, check=True)
     return folder / "cases"
@@ -86,7 +84,7 @@ def test_the_runner_finds_another_state(tmp_path):
     sources = sorted(each.name for each in tmp_path.glob("*.c"))
     subprocess.run(["gcc", "-std=c99", "-o", "cases", *sources], cwd=tmp_path, check=True)
     done = subprocess.run([program], capture_output=True, text=True, check=False)
-    assert done.returncode == 1 and done.stdout.startswith("FAIL: case ")
+    assert done.returncode == 1 and done.stdout.startswith("FAIL: ")
 
 
 def test_no_case_does_what_c_leaves_undefined(tmp_path):
@@ -98,7 +96,8 @@ def test_no_case_does_what_c_leaves_undefined(tmp_path):
 
 def test_a_case_has_one_name_and_refusals_have_all_rules():
     rules = set()
+    machine = native.NativeMachine(built_in())
     for case in coverage_cases.cases(built_in().bus):
-        rule, _ = coverage_cases.result(native.library(), case)
-        rules.add(rule)
+        ecu, cal = machine.record(built_in().record()), machine.record(case.record)
+        rules.add(machine.call("init", ecu, cal))
     assert set(range(501, 512)) <= rules and 0 in rules and any(0 < rule < 200 for rule in rules)

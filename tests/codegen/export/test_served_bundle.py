@@ -38,9 +38,9 @@ def test_the_bundle_tests_its_own_services(tmp_path):
     assert re.search(r"PASS: XCP, 43 commands and \d+ answers", done.stdout)
     assert re.search(r"PASS: UDS, 32 frames and \d+ answers", done.stdout)
     assert "PASS: NVM, a record of 532 bytes" in done.stdout
-    session = tmp_path / "with" / "test" / "xcp_session.h"
+    session = tmp_path / "with" / "test" / "session_xcp.c"
     text = session.read_text()
-    session.write_text(text.replace("{ 254, 38, ", "{ 254, 39, ", 1))
+    session.write_text(text.replace(" 254, 38,", " 254, 39,", 1))
     assert session.read_text() != text
     assert make(tmp_path / "with", "test").returncode != 0
     a2l = (tmp_path / "with" / "canroll.a2l").read_text()

@@ -7,11 +7,10 @@ from cryptography.hazmat.primitives.cmac import CMAC
 
 import dbc
 from codegen.run import cortex, ecu_traffic, secured
-from codegen.run.authentication import CortexAuthentication
 from codegen.run.backends import open_backend
 from codegen.run.bus_firmware import built_in, of_bus
 from codegen.run.native import compiler
-from codegen.run.secured import SecuredEcu, listening_ticks
+from codegen.run.secured import Secoc, SecuredEcu, listening_ticks
 from codegen.run.unicorn import CortexEcu
 from firmware.state import RX_IMU, TX_ANTI_ROLL_BAR
 
@@ -121,7 +120,7 @@ def test_a_plain_bus_has_no_authentication():
 def test_what_a_refused_frame_costs(frame, length, most):
     """Of a flood only frames with a plausible freshness value cost a MAC."""
     ecu = CortexEcu(CALIBRATION, cpu="cortex-m4", count=True, firmware=FIRMWARE)
-    secoc = CortexAuthentication(ecu, FIRMWARE)
+    secoc = Secoc(ecu.machine, ecu.firmware)
     secoc.start(KEY, 1, 0)
     assert not secoc.verify(RX_IMU, frame, length)
-    assert most / 2 < secoc.instructions < most
+    assert most / 2 < ecu.machine.instructions < most

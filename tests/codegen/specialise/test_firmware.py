@@ -186,10 +186,10 @@ def test_a_refused_ecu_does_nothing(special, calibration):
     other = memory_image.sealed(ecu_traffic.random_calibration(5))
     ecus, cals = np.zeros(1, memory_image.dtype(Ecu)), images([other])
     buffer = library.ffi.from_buffer
-    assert library.lib.canroll_start(buffer(ecus), buffer(cals)) == RULE_CRC
+    assert library.lib.canroll_init(buffer(ecus), buffer(cals)) == RULE_CRC
     assert ecus["mode"][0] == SAFE
     before = ecus.tobytes()
-    library.lib.canroll_step(buffer(ecus), buffer(cals), 1)
+    library.lib.canroll_tick(buffer(ecus), buffer(cals), 1)
     assert ecus.tobytes() == before
 
 

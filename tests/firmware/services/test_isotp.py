@@ -6,7 +6,7 @@ from support.uds_tester import UdsTester
 from codegen.run import ecu_traffic, native
 from codegen.run.backends import NativeEcu, PythonEcu
 from codegen.run.bus_firmware import built_in, with_services
-from codegen.run.served import ServedEcu
+from codegen.run.services import ServedEcu
 from firmware.services import uds
 from firmware.state import N_FAULT_CODES
 
@@ -18,7 +18,7 @@ needs_cc = pytest.mark.skipif(native.compiler() is None, reason="needs cc (packa
 def ecu(request):
     record = ecu_traffic.random_calibration(3)
     kind = PythonEcu if request.param == "python" else NativeEcu
-    return ServedEcu(kind(record, SERVED), record, SERVED)
+    return ServedEcu(kind(record, SERVED))
 
 
 def request_of(identifiers):

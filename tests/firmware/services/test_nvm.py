@@ -3,14 +3,13 @@
 import random
 from copy import deepcopy
 
-import numpy as np
 import pytest
 import rig
 
 from codegen.run import memory_image, native
 from codegen.run.bus_firmware import built_in, with_services
 from firmware import ecu as loop
-from firmware.services import fault_memory, nvm, nvm_uds, uds
+from firmware.services import fault_memory, nvm, nvm_state, nvm_uds, uds
 from firmware.services.nvm_state import ANOTHER_CALIBRATION, ANOTHER_VERSION, DAMAGED, Nvm
 from firmware.services.uds_state import Uds
 from firmware.state import Ecu
@@ -144,24 +143,16 @@ def test_snapshots_outlive_it_and_are_not_of_this_cycle(cal):
 @pytest.mark.skipif(native.compiler() is None, reason="needs cc (package gcc)")
 def test_c_saves_and_restores_the_same(cal):
     before, server, kept = driven(cal)
-    library = native.library_of(SERVED)
-    lib, ffi = library.lib, library.ffi
-    data = {
-        "nvm": np.zeros(lib.canroll_nvm_bytes(), np.uint8),
-        "ecu": np.frombuffer(memory_image.image(before), np.uint8).copy(),
-        "uds": np.frombuffer(memory_image.image(server), np.uint8).copy(),
-        "cal": np.frombuffer(memory_image.image(cal), np.uint8).copy(),
-    }
-    at = {name: ffi.from_buffer("uint8_t[]", each) for name, each in data.items()}
-    lib.canroll_nvm_put(at["nvm"], at["ecu"], at["cal"])
-    lib.canroll_nvm_uds_put(at["nvm"], at["uds"])
+    machine = native.NativeMachine(SERVED)
+    c_nvm, c_cal = machine.record(nvm_state.Nvm()), machine.record(cal)
+    machine.call("nvm.save", c_nvm, machine.record(before), c_cal)
+    machine.call("nvm_uds.save", c_nvm, machine.record(server))
     nvm_uds.save(kept, server)
-    assert data["nvm"].tobytes() == memory_image.image(kept)
+    assert c_nvm.image() == memory_image.image(kept)
     ecu, other = started(cal)
-    data["ecu"][:] = np.frombuffer(memory_image.image(ecu), np.uint8)
-    data["uds"][:] = np.frombuffer(memory_image.image(other), np.uint8)
-    assert lib.canroll_nvm_take(at["nvm"], at["ecu"], at["cal"]) == nvm.restore(kept, ecu, cal)
-    assert lib.canroll_nvm_uds_take(at["nvm"], at["uds"], at["ecu"], at["cal"]) == 0
+    c_ecu, c_uds = machine.record(ecu), machine.record(other)
+    assert machine.call("nvm.restore", c_nvm, c_ecu, c_cal) == nvm.restore(kept, ecu, cal)
+    assert machine.call("nvm_uds.restore", c_nvm, c_uds, c_ecu, c_cal) == 0
     assert nvm_uds.restore(kept, other, ecu, cal) == 0
-    assert data["ecu"].tobytes() == memory_image.image(ecu)
-    assert data["uds"].tobytes() == memory_image.image(other)
+    assert c_ecu.image() == memory_image.image(ecu)
+    assert c_uds.image() == memory_image.image(other)

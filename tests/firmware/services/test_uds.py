@@ -8,10 +8,10 @@ from support.uds_tester import TickConnection, UdsTester
 from udsoncan.client import Client
 from udsoncan.exceptions import NegativeResponseException
 
-from codegen.run import ecu_traffic, memory_image, native
+from codegen.run import ecu_traffic, native
 from codegen.run.backends import NativeEcu, PythonEcu
 from codegen.run.bus_firmware import built_in, with_services
-from codegen.run.served import ServedEcu
+from codegen.run.services import ServedEcu
 from firmware.services import uds
 from firmware.services.fault_memory import AVAILABLE
 from firmware.state import N_FAULT_CODES
@@ -41,7 +41,7 @@ NUMBERS = {did: Number(4) for did in WORDS} | {0x0100: Number(1), 0xF186: Number
 def tester(request):
     record = ecu_traffic.random_calibration(3)
     kind = PythonEcu if request.param == "python" else NativeEcu
-    return UdsTester(ServedEcu(kind(record, SERVED), record, SERVED))
+    return UdsTester(ServedEcu(kind(record, SERVED)))
 
 
 @pytest.fixture
@@ -174,7 +174,7 @@ def test_every_request_has_its_negative_responses(client, tester):
 @needs_cc
 def test_both_backends_give_the_same_bytes_for_any_frames():
     record = ecu_traffic.random_calibration(5)
-    ecus = [ServedEcu(kind(record, SERVED), record, SERVED) for kind in (PythonEcu, NativeEcu)]
+    ecus = [ServedEcu(kind(record, SERVED)) for kind in (PythonEcu, NativeEcu)]
     draw = random.Random(3)
     known = [uds.SESSION_CONTROL, uds.CLEAR_FAULTS, uds.READ_FAULTS, uds.READ_DATA, 0x3E, 0x27]
     for _ in range(3000):
@@ -191,6 +191,5 @@ def test_both_backends_give_the_same_bytes_for_any_frames():
             sent.append(ecu.services["uds"].take())
         assert sent[0] == sent[1], frame.hex()
     assert ecus[0].image() == ecus[1].image()
-    records = [memory_image.image(ecus[0].services["uds"].record)]
-    records.append(ecus[1].services["uds"].record.tobytes())
+    records = [ecu.services["uds"].record.image() for ecu in ecus]
     assert records[0] == records[1]

@@ -10,8 +10,7 @@ from support.xcp_tool import Tool, address_of, word
 from codegen.run import ecu_traffic, memory_image, native
 from codegen.run.backends import NativeEcu, PythonEcu
 from codegen.run.bus_firmware import built_in, with_services
-from codegen.run.served import ServedEcu
-from codegen.run.xcp_slave import PAGE_ADDRESS, STATE_ADDRESS
+from codegen.run.services import PAGE_ADDRESS, STATE_ADDRESS, ServedEcu
 from firmware.calibration import Calibration
 from firmware.check import RULE_FADE
 from firmware.limits import LAST_BYTE
@@ -43,7 +42,7 @@ needs_cc = pytest.mark.skipif(native.compiler() is None, reason="needs cc (packa
 def tool(request):
     record = ecu_traffic.random_calibration(3)
     kind = PythonEcu if request.param == "python" else NativeEcu
-    found = Tool(ServedEcu(kind(record, SERVED), record, SERVED))
+    found = Tool(ServedEcu(kind(record, SERVED)))
     assert found.ask(xcp.CONNECT, 0)[0] == 0xFF
     return found
 
@@ -154,7 +153,7 @@ BOUNDED = [i for i, its in enumerate(fields(Calibration)) if outside(its) is not
 @pytest.mark.parametrize("field", BOUNDED[::13])
 def test_a_page_that_check_refuses_never_runs(field):
     record = ecu_traffic.random_calibration(3)
-    tool = Tool(ServedEcu(PythonEcu(record, SERVED), record, SERVED))
+    tool = Tool(ServedEcu(PythonEcu(record, SERVED)))
     tool.ask(xcp.CONNECT, 0)
     its = fields(Calibration)[field]
     wrong = outside(its)
@@ -297,7 +296,7 @@ def test_a_restart_begins_on_the_reference(tool):
 
 def test_nothing_is_answered_before_a_tool_connects():
     record = ecu_traffic.random_calibration(3)
-    tool = Tool(ServedEcu(PythonEcu(record, SERVED), record, SERVED))
+    tool = Tool(ServedEcu(PythonEcu(record, SERVED)))
     assert tool.ask(xcp.GET_STATUS) == b""
     assert tool.ask(xcp.CONNECT, 0) == bytes([0xFF, 5, 0x80, 8, 8, 0, 1, 1])
 
@@ -305,9 +304,7 @@ def test_nothing_is_answered_before_a_tool_connects():
 @needs_cc
 def test_both_backends_give_the_same_bytes_for_any_commands():
     record = ecu_traffic.random_calibration(5)
-    tools = [
-        Tool(ServedEcu(kind(record, SERVED), record, SERVED)) for kind in (PythonEcu, NativeEcu)
-    ]
+    tools = [Tool(ServedEcu(kind(record, SERVED))) for kind in (PythonEcu, NativeEcu)]
     draw = random.Random(4)
     known = [0xC0 + k for k, length in enumerate(xcp.LENGTHS) if length and k != 0x3E]
     for _ in range(3000):
@@ -322,7 +319,6 @@ def test_both_backends_give_the_same_bytes_for_any_commands():
             frames.append([tool.tick(), tool.tick()])
         assert frames[0] == frames[1], command.hex()
     assert tools[0].ecu.image() == tools[1].ecu.image()
-    slaves = [memory_image.image(tools[0].slave.record), tools[1].slave.record.tobytes()]
+    slaves = [tool.slave.record.image() for tool in tools]
     assert slaves[0] == slaves[1]
-    working = memory_image.image(tools[0].slave.working)
-    assert working == tools[1].slave.working.tobytes()
+    assert tools[0].slave.working.image() == tools[1].slave.working.image()

@@ -22,6 +22,6 @@ def test_twenty_values_take_at_most_1500_instructions_a_tick():
         expected = [bytes([k]) + state[4 * k : 4 * k + 4] for k in range(VALUES)]
         assert frames == expected
     # and a bounded part more while a page is checked
-    machine.put(xcp.SET_CAL_PAGE, 1, 0, 1)
+    machine.slave.receive(bytes([xcp.SET_CAL_PAGE, 1, 0, 1]))
     counts = [machine.tick()[0] for _ in range(90)]
     assert max(counts) <= 1500 + 1000

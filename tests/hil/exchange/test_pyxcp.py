@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from codegen.run import memory_image
-from codegen.run.xcp_slave import PAGE_ADDRESS
+from codegen.run.services import PAGE_ADDRESS
 from hil.exchange.ecu_on_bus import ecu_on_bus
 
 for name in ("asammdf", "pya2l.a2lparser", "pyxcp"):
