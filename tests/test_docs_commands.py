@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hil.cli import main as cli
-from hil.cli.parsers import COMMANDS
+from hil.cli.commands import COMMANDS
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")

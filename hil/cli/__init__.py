@@ -1,1 +1,1 @@
-"""One module per subcommand of ``canroll``: ``add_parser(subparsers)`` and ``run(args) -> int``."""
+"""One module per subcommand of ``canroll``, with ``run(args) -> int``; options in ``*_parsers``."""

@@ -8,8 +8,8 @@ from dataclasses import replace
 from canroll.errors import CanrollError, UnknownNameError
 from firmware.services.xcp_state import N_ODT
 from hil.cli import terminal
-from hil.cli.options import refuse_useless
-from hil.network import SENSOR
+from hil.cli.bus_parsers import DATABASE, LOG, NETWORK, SET
+from hil.cli.parser import check_mode
 from hil.network.analysis import Options
 from hil.network.margins import Request
 from hil.network.recorded import Added, Log
@@ -31,19 +31,6 @@ from plant_sim.can_bus.traffic.log_name import LogName, log_name
 from plant_sim.can_bus.wire.frame import FD
 
 MAX_PORT = 65535
-OF_A_SET = (
-    *("serve", "share", "replay", "period"),
-    *("errors_per_second", "propose", "sensitivity", "offsets"),
-)
-"""Options that logs and networks do not take."""
-OF_AN_ANALYSIS = {
-    **{"simulate": 10.0, "tick": 10.0, "sensor": SENSOR, "json": False},
-    **dict.fromkeys(("offsets", "sensitivity", "worst_case_lengths"), False),
-    **dict.fromkeys(("command", "error_interval", "errors_per_second", "propose")),
-}
-"""Options of bounds and simulation, with their defaults."""
-OF_A_LOG = ("channel", "section")
-"""Options of a log, as the file or as that of --replay."""
 
 
 def run(args: argparse.Namespace) -> int:
@@ -76,7 +63,6 @@ def open_source(args: argparse.Namespace) -> TrafficSet | BusNetwork | Log:
     log = log_name(str(args.file))
     if log is not None:
         return _log(log, args)
-    _refuse(args, ("add",), "puts messages onto the bus of a log, {file} is none")
     if args.dbc is not None or is_network(str(args.file)):
         return _network(args)
     return _traffic_set(args)
@@ -90,8 +76,7 @@ def _log(log: LogName, args: argparse.Namespace) -> Log:
         if value is not None and given is not None:
             raise CanrollError(f"{args.file} has it in its name: omit {_written(option)}")
         named[option] = given if value is None else value
-    _refuse(args, OF_A_SET, f"needs a traffic set: {log.path} is a bus log")
-    _refuse(args, ("xcp",), "requires a network or the name of a bus, such as 500k")
+    check_mode(args, LOG, file=log.path)
     check({"dbc": args.dbc, "map": args.map})
     if args.add is not None and args.dbc is not None:
         raise CanrollError("--dbc and --add both say what comes onto the bus: omit one")
@@ -102,10 +87,8 @@ def _log(log: LogName, args: argparse.Namespace) -> Log:
 
 
 def _network(args: argparse.Namespace) -> BusNetwork:
-    _refuse(args, OF_A_LOG, "selects a {option} of a log: --replay is required")
-    _refuse(args, OF_A_SET, "needs a traffic set: {file} is a network")
+    check_mode(args, NETWORK, file=args.file)
     check({"dbc": args.dbc, "map": args.map})
-    _refuse(args, ("bitrate", "data_bitrate"), "is that of the network: set it in {file}")
     profile = load_profile(str(args.file), args.dbc, args.map)
     if args.xcp is not None:
         profile = replace(profile, measured=(args.xcp, args.tick))
@@ -113,14 +96,13 @@ def _network(args: argparse.Namespace) -> BusNetwork:
 
 
 def _traffic_set(args: argparse.Namespace) -> TrafficSet:
-    if args.replay is None:
-        _refuse(args, OF_A_LOG, "selects a {option} of a log: --replay is required")
-    _refuse(args, ("xcp",), "requires a network or the name of a bus, such as 500k")
+    mode = SET if args.file.suffix.lower() == ".toml" else DATABASE
+    # of the log that is replayed
+    logs = () if args.replay is None else ("channel", "section")
+    check_mode(args, mode, but=logs, file=args.file)
     check({"dbc": args.dbc, "map": args.map})
     if not args.file.suffix and not args.file.exists():
         raise UnknownNameError("bus", str(args.file), BUSES)
-    if args.file.suffix.lower() == ".toml":
-        _refuse(args, ("period",), "is of messages without a cycle time: set it in {file}")
     traffic = load_traffic(
         args.file, bitrate=args.bitrate, data_bitrate=args.data_bitrate, period_ms=args.period
     )
@@ -134,14 +116,6 @@ def _traffic_set(args: argparse.Namespace) -> TrafficSet:
 
 def _written(option: str) -> str:
     return f"--{option.replace('_', '-')}"
-
-
-def _refuse(args: argparse.Namespace, options: tuple[str, ...], why: str) -> None:
-    """Refuse options that do not apply to FILE; ``why`` may have {option} and {file} in it."""
-    for option in options:
-        if getattr(args, option) not in (None, False):
-            reason = why.format(option=option, file=args.file)
-            raise CanrollError(f"{_written(option)} {reason}")
 
 
 def _options(args: argparse.Namespace) -> Options:
@@ -178,24 +152,8 @@ def _check_server(args: argparse.Namespace) -> None:
         port = getattr(args, option)
         if port is not None and not 0 <= port <= MAX_PORT:
             raise CanrollError(f"--{option} {port}: the port must be 0 to {MAX_PORT}")
-    if (args.share is None) != (args.programs is None):
-        raise CanrollError("--share and --programs require each other")
     if args.programs is not None and args.programs < 1:
         raise CanrollError(f"--programs must be at least 1, got {args.programs}")
-    if args.mirror is not None and args.share is None:
-        raise CanrollError("--mirror shows a shared bus: --share is required")
-    if args.serve is not None and args.share is not None:
-        raise CanrollError("--serve and --share exclude each other")
-    if args.serve is not None and args.replay is not None:
-        raise CanrollError(
-            "--serve and --replay exclude each other: the served bus carries only the set"
-        )
-    if args.share is None:
-        refuse_useless(args, {"pace": "lockstep"}, "it belongs to --share")
-    if args.serve is None and args.share is None:
-        refuse_useless(args, {"host": "127.0.0.1"}, "it belongs to --serve and --share")
-    else:
-        refuse_useless(args, OF_AN_ANALYSIS, "a served bus is not analysed")
 
 
 def _serve(traffic: Traffic, args: argparse.Namespace) -> None:

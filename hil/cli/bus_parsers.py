@@ -3,12 +3,14 @@
 import argparse
 from pathlib import Path
 
+from codegen.run import SERVICES
 from hil.cli.options import (
     DEFAULT_SCENARIO,
     OF_A_RUN,
     add_answer,
     add_choices,
     add_execution,
+    add_json,
     add_numbers,
     add_recording,
     add_scenario,
@@ -16,6 +18,7 @@ from hil.cli.options import (
     path_named,
     scenario,
 )
+from hil.cli.parser import Parser, Relations
 from hil.network import COMMANDS, SENSOR
 from hil.realtime.bus_link import add_bus_arguments
 from hil.runs.choices import CHOICES
@@ -30,13 +33,24 @@ PEER_TIMEOUT = {"realtime": 0.8, "lockstep": 60.0}
 DEFAULT_PHASE_MS = 2.0
 PROPOSALS = ("priorities", "offsets")
 FREE = "free"
-DEFAULT_SERVE = "127.0.0.1:29536"
+LOOPBACK = "127.0.0.1"
+DEFAULT_SERVE = f"{LOOPBACK}:29536"
 """Address of the plant's own bus."""
+WEB_PORT = 8029
+"""Port of the page of ``canroll watch``."""
 WORLD = tuple(name for name, choice in CHOICES.items() if choice.of == "world")
 """Choices of a run that concern the plant."""
 
 
-def bus(parser: argparse.ArgumentParser) -> None:
+LOG, NETWORK, SET, DATABASE = "bus log", "network", "traffic set", "database"
+"""What FILE of ``canroll bus`` can be."""
+OF_A_SET = (SET, DATABASE)
+WITH_A_RATE = (LOG, SET, DATABASE)
+NEEDS_A_SET = " needs a traffic set: {file} is a {mode}"
+SERVED = dict.fromkeys(("serve", "share"), "a served bus is not analysed")
+
+
+def bus(parser: Parser) -> None:
     """Options of ``canroll bus``."""
     parser.description = (
         "Compare worst-case and simulated response times of a traffic set, or of all segments of a "
@@ -55,12 +69,16 @@ def bus(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-b",
         "--bitrate",
+        only=WITH_A_RATE,
+        outside=" is that of the network: set it in {file}",
         type=int,
         metavar="B",
         help="bit rate, bit/s; default: that of the file, of a log: inferred or assumed",
     )
     parser.add_argument(
         "--data-bitrate",
+        only=WITH_A_RATE,
+        outside=" is that of the network: set it in {file}",
         type=int,
         metavar="B",
         help="data bit rate of FD frames, bit/s; default: that of the file, of a log: inferred or "
@@ -68,12 +86,15 @@ def bus(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--period",
+        only=(DATABASE,),
+        outside=" is of messages without a cycle time: {file} is a {mode}",
         type=float,
         metavar="MS",
         help="period of the messages of a database that have no cycle time; default: left out",
     )
     parser.add_argument(
         "--simulate",
+        excludes=SERVED,
         type=float,
         default=10.0,
         metavar="S",
@@ -84,45 +105,63 @@ def bus(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--worst-case-lengths",
+        excludes=SERVED,
         action="store_true",
         help="simulate every frame with the maximum number of stuff bits",
     )
     parser.add_argument(
         "--xcp",
+        only=(NETWORK,),
+        outside=" requires a network or the name of a bus, such as 500k",
         type=int,
         metavar="N",
         help="on a network: the ECU also sends N frames of measurements by XCP in every tick",
     )
     parser.add_argument(
         "--error-interval",
+        excludes=SERVED,
         type=float,
         metavar="MS",
         help="include one disturbed frame every MS milliseconds in the bounds",
     )
     parser.add_argument(
         "--offsets",
+        only=OF_A_SET,
+        outside=NEEDS_A_SET,
+        excludes=SERVED,
         action="store_true",
         help="take the offsets between the messages of a node into account in the bounds",
     )
     parser.add_argument(
         "--sensitivity",
+        only=OF_A_SET,
+        outside=NEEDS_A_SET,
+        excludes=SERVED,
         action="store_true",
         help="greatest factor on the rate of all messages with which every deadline is met",
     )
     parser.add_argument(
         "--errors-per-second",
+        only=OF_A_SET,
+        outside=NEEDS_A_SET,
+        excludes=SERVED,
         type=float,
         metavar="R",
         help="probability of a missed deadline with R random errors a second (Poisson)",
     )
     parser.add_argument(
         "--propose",
+        only=OF_A_SET,
+        outside=NEEDS_A_SET,
+        excludes=SERVED,
         choices=PROPOSALS,
         help="identifiers that meet all deadlines (Audsley), or offsets that spread the"
         " messages of each node",
     )
     parser.add_argument(
         "--replay",
+        only=OF_A_SET,
+        outside=NEEDS_A_SET,
         type=Path,
         metavar="LOG",
         help="replay a bus log (.asc .blf .log …) with the set, except for identifiers of the set;"
@@ -130,24 +169,47 @@ def bus(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--add",
+        only=(LOG,),
+        outside=" puts messages onto the bus of a log, {file} is none",
         type=Path,
         metavar="FILE",
         help="with a log: traffic set to add to its bus; default: canroll's own messages",
     )
     parser.add_argument(
-        "--channel", help="channel of a log, as named by python-can; default: all, of --replay one"
+        "--channel",
+        only=(LOG,),
+        outside=" selects a channel of a log: --replay is required",
+        help="channel of a log, as named by python-can; default: all, of --replay one",
     )
     add_section(parser)
-    parser.add_argument("--sensor", default=SENSOR, help="sensor message (default: %(default)s)")
+    parser.relate(
+        Relations(only=(LOG,), outside=" selects a section of a log: --replay is required"),
+        "section",
+    )
+    parser.add_argument(
+        "--sensor", excludes=SERVED, default=SENSOR, help="sensor message (default: %(default)s)"
+    )
     parser.add_argument(
         "--command",
+        excludes=SERVED,
         help=f"command message (default: the first of {', '.join(COMMANDS)} that is there)",
     )
     parser.add_argument(
-        "--tick", type=float, default=10.0, metavar="MS", help="control tick (default: 10)"
+        "--tick",
+        excludes=SERVED,
+        type=float,
+        default=10.0,
+        metavar="MS",
+        help="control tick (default: 10)",
     )
     parser.add_argument(
         "--serve",
+        only=OF_A_SET,
+        outside=NEEDS_A_SET,
+        excludes={
+            "share": "--share has its own server",
+            "replay": "--serve and --replay exclude each other",
+        },
         nargs="?",
         type=int,
         const=DEFAULT_PORT,
@@ -157,6 +219,9 @@ def bus(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--share",
+        only=OF_A_SET,
+        outside=NEEDS_A_SET,
+        needs=("programs",),
         nargs="?",
         type=int,
         const=SHARED_PORT,
@@ -165,26 +230,36 @@ def bus(parser: argparse.ArgumentParser) -> None:
         f" interface=simbus_shared (default port: {SHARED_PORT})",
     )
     parser.add_argument(
-        "--programs", type=int, metavar="N", help="with --share: programs to wait for"
+        "--programs",
+        needs=("share",),
+        type=int,
+        metavar="N",
+        help="with --share: programs to wait for",
     )
     parser.add_argument(
         "--pace",
+        needs=("share",),
         choices=PACES,
         default="lockstep",
         help="with --share; realtime: no faster than the clock (default: %(default)s)",
     )
     parser.add_argument(
         "--mirror",
+        needs=("share",),
         metavar="INTERFACE:CHANNEL",
         help="with --share: every frame also goes to a bus of python-can, such as socketcan:vcan0",
     )
     parser.add_argument(
-        "--host", default="127.0.0.1", help="with --serve and --share (default: %(default)s)"
+        "--host",
+        needs=("serve", "share"),
+        default="127.0.0.1",
+        help="with --serve and --share (default: %(default)s)",
     )
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    add_json(parser)
+    parser.relate(Relations(excludes=SERVED), "json")
 
 
-def hil(parser: argparse.ArgumentParser) -> None:
+def hil(parser: Parser) -> None:
     """Options of ``canroll hil``."""
     parser.description = (
         "Drive a manoeuvre in real time, with ECU and vehicle as separate programs."
@@ -214,6 +289,7 @@ def hil(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--side-channel",
+        needs=("pace=lockstep",),
         nargs="?",
         const="127.0.0.1:0",
         metavar="HOST:PORT",
@@ -233,9 +309,16 @@ def hil(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="measure for --duration S (default: 10) whether this machine can keep the tick",
     )
+    no_run = Relations(excludes={"check": "--check drives no manoeuvre"})
+    parser.relate(no_run, "serve", "side_channel", "pace", "passive")
+    parser.relate(Relations(excludes={"check": "--check writes no files"}), "out", "log", "signals")
 
 
-def ecu(parser: argparse.ArgumentParser) -> None:
+ON_A_BUS, TRACE, DRIVE = "bus", "trace", "drive"
+"""What the ECU of ``canroll ecu`` runs on: a bus, a trace of --trace, or a bus log."""
+
+
+def ecu(parser: Parser) -> None:
     """Options of ``canroll ecu``."""
     parser.description = "Run the roll controller in real time against a vehicle on a CAN bus."
     add_bus_arguments(parser)
@@ -263,9 +346,32 @@ def ecu(parser: argparse.ArgumentParser) -> None:
     add_answer(parser, "the page of a bus log")
     add_services(parser)
     add_memory(parser)
+    parser.relate(
+        Relations(only=(DRIVE,), outside=": it belongs to --replay of a bus log: omit it"),
+        *("section", "out", "json"),
+    )
+    parser.relate(Relations(only=(ON_A_BUS, DRIVE)), "calibration", "channel")
+    parser.relate(Relations(only=(ON_A_BUS, TRACE)), *SERVICES)
+    parser.relate(
+        Relations(only=(ON_A_BUS,)),
+        *("interface", "bitrate", "fd", "data_bitrate", "bus_kwargs", "timing", "duration"),
+        *("phase_ms", "trace", "pace", "side_channel", "peer_timeout", "cpu", "memory"),
+    )
+    parser.relate(
+        Relations(
+            excludes={
+                "pace=lockstep": "in lock step the plant grants the ticks: give it to "
+                "'canroll plant'"
+            }
+        ),
+        "phase_ms",
+    )
+    parser.relate(
+        Relations(excludes={"pace=lockstep": "a tool does not wait for grants"}), *SERVICES
+    )
 
 
-def plant(parser: argparse.ArgumentParser) -> None:
+def plant(parser: Parser) -> None:
     """Options of ``canroll plant``."""
     parser.description = "Simulate the vehicle in real time for an ECU on a CAN bus."
     add_scenario(parser)
@@ -299,9 +405,16 @@ def plant(parser: argparse.ArgumentParser) -> None:
     add_recording(parser)
     parser.add_argument("--record", type=Path, metavar="FILE", help=argparse.SUPPRESS)
     add_memory(parser)
+    parser.relate(
+        Relations(excludes={"interface": "it is of the plant's own bus, not of -i"}), "serve"
+    )
+    parser.relate(
+        Relations(needs=("pace=lockstep",), why="--pace lockstep, in real time to 'canroll ecu'"),
+        "phase_ms",
+    )
 
 
-def attacks(parser: argparse.ArgumentParser) -> None:
+def attacks(parser: Parser) -> None:
     """Options of ``canroll attacks``."""
     parser.description = (
         "Drive a manoeuvre with an attacker on the bus: spoofed, replayed, damaged and foreign "
@@ -322,9 +435,37 @@ def attacks(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(serve=None)
     add_execution(parser, "attack")
     add_numbers(parser)
+    alone = {"interface": "an interface carries one attack after the other"}
+    parser.relate(Relations(excludes=alone), "jobs", "scheduler")
 
 
-def add_section(parser: argparse.ArgumentParser) -> None:
+def watch(parser: Parser) -> None:
+    """Options of ``canroll watch``."""
+    parser.description = "Show mode, roll, moments, trigger rate, bus load and fault codes."
+    add_bus_arguments(parser)
+    parser.add_argument("--duration", type=float, metavar="S", help="default: until Ctrl-C")
+    parser.add_argument(
+        "--web", action="store_true", help="live plots in the browser instead of the terminal"
+    )
+    parser.add_argument(
+        "--port",
+        needs=("web",),
+        type=int,
+        metavar="N",
+        help=f"port of the page, 0: a free one (default: {WEB_PORT})",
+    )
+    parser.add_argument(
+        "--host",
+        needs=("web",),
+        metavar="ADDRESS",
+        help=f"address on which the page is served (default: {LOOPBACK}, this machine only)",
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="no display; print one JSON object at the end"
+    )
+
+
+def add_section(parser: Parser) -> None:
     """Add the choice among the sections of a log whose times step."""
     parser.add_argument(
         "--section",
@@ -335,7 +476,7 @@ def add_section(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_memory(parser: argparse.ArgumentParser) -> None:
+def add_memory(parser: Parser) -> None:
     """Add the memory that lasts from one start to the next."""
     parser.add_argument(
         "--memory",
@@ -346,7 +487,7 @@ def add_memory(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_loop_options(parser: argparse.ArgumentParser) -> None:
+def add_loop_options(parser: Parser) -> None:
     """Add the options that the loops of ECU and plant share."""
     parser.add_argument(
         "--pace",
@@ -356,6 +497,7 @@ def add_loop_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--side-channel",
+        needs=("pace=lockstep",),
         metavar="HOST:PORT",
         help="lock step: grants on a TCP connection instead of 29-bit frames on the bus",
     )
@@ -366,10 +508,16 @@ def add_loop_options(parser: argparse.ArgumentParser) -> None:
         help="end after this silence of the other side, 0: keep waiting "
         "(default: {realtime:g}, in lock step {lockstep:g})".format(**PEER_TIMEOUT),
     )
-    parser.add_argument("--cpu", type=int, metavar="N", help="core to run on")
+    parser.add_argument(
+        "--cpu",
+        excludes={"pace=lockstep": "in lock step no core is chosen"},
+        type=int,
+        metavar="N",
+        help="core to run on",
+    )
 
 
-def add_prepare_option(parser: argparse.ArgumentParser) -> None:
+def add_prepare_option(parser: Parser) -> None:
     """Add the option to compile the kernels only."""
     parser.add_argument(
         "--prepare",

@@ -13,9 +13,9 @@ from hil.campaign.splitting import Splitting
 from hil.campaign.summary import REDUCTION, order
 from hil.cli import cases, terminal
 from hil.cli.main import parse
-from hil.cli.options import DEFAULT_SCENARIO, choices_of, folder_of, refuse_useless, scenario
-from hil.cli.parsers import DEFAULT_DRAWS, EVENT_NAMES
+from hil.cli.options import DEFAULT_SCENARIO, choices_of, folder_of, scenario
 from hil.cli.run import answer
+from hil.cli.study_parsers import DEFAULT_DRAWS
 from hil.report.run_folder import write_page
 from hil.report.staging import page_folder, usable_folder
 from hil.runs import conditions, experiment
@@ -55,24 +55,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Reject options that contradict each other, before anything slow is done."""
+    """Reject invalid options before any slow work."""
     if args.only is not None and args.only < 0:
         raise CanrollError(f"--only must be at least 0, got {args.only}")
     if args.until is not None and not 0 < args.until < 1:
         raise CanrollError(f"--until must be above 0 and below 1, got {args.until:g}")
     if args.worst_by not in (REDUCTION, *BY_KEY):
         raise UnknownNameError("metric of --worst-by", args.worst_by, (REDUCTION, *BY_KEY))
-    if args.until is not None and args.shard is not None:
-        raise CanrollError("--until needs all draws in their order: omit --shard")
-    if args.rare is not None and (args.until is not None or args.shard is not None):
-        raise CanrollError("--rare draws level by level: omit --until and --shard")
-    if args.until is None:
-        refuse_useless(args, {"event": EVENT_NAMES[0]}, "it belongs to --until")
-    if args.rare is None:
-        refuse_useless(args, {"samples": 1000}, "it belongs to --rare")
     cases.check(args, folder_of(args))
-    if args.only is not None:
-        refuse_useless(args, dict.fromkeys(("until", "shard")), "--only drives one case")
     if args.shard is not None and folder_of(args) is None:
         raise CanrollError("--shard needs the folder for its chunks: add --out")
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from canroll.errors import CanrollError
 from hil.cases.execution import Cases, Execution
 from hil.cli import terminal
-from hil.cli.options import EXECUTION, refuse_useless
 
 
 def check(args: argparse.Namespace, out: Path | None) -> None:
@@ -16,9 +15,6 @@ def check(args: argparse.Namespace, out: Path | None) -> None:
 
     ``out``: the output folder, or None.
     """
-    if args.only is not None:
-        unused = {name: EXECUTION[name] for name in ("resume", "scheduler")}
-        refuse_useless(args, unused, "--only drives one case")
     if args.resume and out is None:
         raise CanrollError("--resume needs the folder to continue in: add --out")
 

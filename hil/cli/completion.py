@@ -6,9 +6,9 @@ from typing import cast
 
 import vehicles
 from canroll.errors import optional
-from hil.cli.main import REGISTRIES, TASKS, parser_of
+from hil.cli.commands import COMMANDS, parser_of
+from hil.cli.main import REGISTRIES, TASKS
 from hil.cli.options import path_named
-from hil.cli.parsers import COMMANDS
 from hil.runs.choices import CHOICES
 
 

@@ -15,17 +15,14 @@ from gain_gen.laws import LAWS
 from gain_gen.models.task import Check, Delay, Design, Task
 from hil.cli import design_view, terminal
 from hil.cli.cases import driven
+from hil.cli.design_parsers import DEFAULT_DELAY_MS
 from hil.cli.options import (
     DEFAULT_OUT,
     DEFAULT_SCENARIO,
-    EXECUTION,
     choices_of,
-    refuse_useless,
-    refuse_verbose_json,
 )
-from hil.cli.parsers import DEFAULT_DELAY_MS, OF_A_DRIVE
-from hil.runs.choices import CHOICES, chosen
 from hil.runs.choices import check as check_choices
+from hil.runs.choices import chosen
 from hil.runs.frozen import options_of, profile_of, stage_of, task_of
 from hil.studies import equal_effort, variation
 
@@ -48,13 +45,9 @@ def design_task(args: argparse.Namespace) -> Task:
 def delay_of(args: argparse.Namespace) -> Delay | None:
     """Return the delay given in ms; None for that of the named bus.
 
-    Frames of a bus's own without a bus are on the default one.
+    A ``--dbc`` without ``--bus`` uses the default bus.
     """
-    for option in ("bus", "dbc"):
-        if getattr(args, option) is None:
-            continue
-        if args.delay is not None or args.delay_min is not None:
-            raise CanrollError(f"--{option} excludes --delay and --delay-min")
+    if args.bus is not None or args.dbc is not None:
         return None
     most = 1e-3 * (DEFAULT_DELAY_MS if args.delay is None else args.delay)
     least = most if args.delay_min is None else 1e-3 * args.delay_min
@@ -65,22 +58,7 @@ def delay_of(args: argparse.Namespace) -> Delay | None:
 
 def run(args: argparse.Namespace) -> int:
     """Design, write and report; 1 for an as-printed law that fails a check, else 0."""
-    refuse_verbose_json(args)
-    if args.compare and args.verbose:
-        raise CanrollError("--verbose: --compare prints one line for each law; omit it")
-    if args.runs is not None and not args.compare:
-        raise CanrollError("--runs belongs to --compare: give both")
-    if args.runs is None:
-        for name in ("scenario", "effort", "spread", *OF_A_DRIVE):
-            if getattr(args, name):
-                option = CHOICES[name].option if name in CHOICES else f"--{name}"
-                raise CanrollError(f"{option} belongs to --compare --runs: give both")
-        refuse_useless(args, EXECUTION, "it belongs to --compare --runs")
     if args.compare:
-        if args.law is not None:
-            raise CanrollError("--compare designs every law: omit --law")
-        if args.stage is not None:
-            raise CanrollError("--compare designs laws without a stage: omit --stage")
         return compare(args)
     choices = choices_of(args)
     stage = stage_of({}, choices)

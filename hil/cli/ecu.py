@@ -17,8 +17,17 @@ from firmware.state import RX_IMU
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from gain_gen.calibration.calibration_file import load as load_calibration
 from hil.cli import terminal
-from hil.cli.bus_parsers import DEFAULT_PHASE_MS, FREE, OF_AN_ECU, PEER_TIMEOUT
-from hil.cli.options import choices_of, chosen_services, folder_of, refuse_useless
+from hil.cli.bus_parsers import (
+    DEFAULT_PHASE_MS,
+    DRIVE,
+    FREE,
+    OF_AN_ECU,
+    ON_A_BUS,
+    PEER_TIMEOUT,
+    TRACE,
+)
+from hil.cli.options import choices_of, chosen_services, folder_of
+from hil.cli.parser import check_mode
 from hil.realtime import ecu_loop, lockstep, process, side_channel, tick_trace, warm
 from hil.realtime.bus_link import CanLink, open_link
 from hil.realtime.hardware import bus_record, lasting
@@ -38,34 +47,21 @@ from plant_sim.can_bus.traffic.log_name import log_name
 from plant_sim.can_bus.traffic.log_reader import read_log, select_channel
 
 MODES = dbc.names("RollControlStatus", "Mode")
-TRACE = ".npz"
-ONLY_ON_A_BUS = (
-    *("interface", "bitrate", "fd", "data_bitrate", "duration", "phase_ms", "trace", "pace"),
-    *("side_channel", "peer_timeout", "cpu", "xcp", "uds", "memory"),
-)
-"""Options of the ECU in real time that a recorded drive has no use for."""
-OF_A_LOOP = {"calibration": None, "pace": "realtime"} | dict.fromkeys(
-    (
-        *("interface", "channel", "bitrate", "data_bitrate", "bus_kwargs", "duration", "phase_ms"),
-        *("trace", "side_channel", "peer_timeout", "cpu", "memory"),
-    )
-)
-"""Options, with their defaults, of the ECU on a bus that the replay of a trace has no use for."""
-
-
-def check_side_channel(args: argparse.Namespace) -> None:
-    """Raise CanrollError for a side channel without lock step."""
-    if args.side_channel is not None and args.pace != "lockstep":
-        raise CanrollError("--side-channel requires --pace lockstep")
+TRACE_SUFFIX = ".npz"
+OFF_THE_BUS = {
+    ON_A_BUS: "",
+    TRACE: "a trace is replayed as it was recorded",
+    DRIVE: "a recorded drive has no bus",
+}
+"""Why options have no effect, by mode."""
 
 
 def peer_timeout(args: argparse.Namespace) -> float | None:
     """Return the silence after which the other side counts as lost, s; None: wait forever.
 
     Raises:
-        CanrollError: it is negative, or there is a side channel without lock step.
+        CanrollError: it is negative.
     """
-    check_side_channel(args)
     given = PEER_TIMEOUT[args.pace] if args.peer_timeout is None else args.peer_timeout
     nanoseconds(given, "--peer-timeout")
     return given or None
@@ -89,28 +85,18 @@ def run(args: argparse.Namespace) -> int:
     check_memory(args, profile)
     key = secret_of(choices_of(args, OF_AN_ECU))
     drive = args.replay is not None and log_name(str(args.replay)) is not None
-    if args.replay is not None and not drive and args.replay.suffix.lower() != TRACE:
+    if args.replay is not None and not drive and args.replay.suffix.lower() != TRACE_SUFFIX:
         raise CanrollError(
-            f"--replay {args.replay}: neither a trace ({TRACE}) nor a bus log"
+            f"--replay {args.replay}: neither a trace ({TRACE_SUFFIX}) nor a bus log"
             f" ({', '.join(LOGS)}, or these and .gz)"
         )
-    if not drive:
-        refuse_useless(args, {"section": None}, "it belongs to --replay of a bus log")
-    if args.replay is not None and not drive:
-        refuse_useless(args, OF_A_LOOP, "a trace is replayed as it was recorded")
+    mode = ON_A_BUS if args.replay is None else DRIVE if drive else TRACE
+    check_mode(args, mode, why=OFF_THE_BUS[mode])
     loaded = None if args.calibration is None else load_calibration(args.calibration)
     stage = stage_of({} if loaded is None else loaded.tables, choices_of(args, OF_AN_ECU))
-    if args.pace == "lockstep":
-        refuse_useless(args, {"cpu": None}, "in lock step no core is chosen")
     services = chosen_services(args)
-    if services and args.pace == "lockstep":
-        raise CanrollError(
-            f"--{services[0]} requires --pace realtime: a tool does not wait for grants"
-        )
     firmware = with_services(firmware_of(profile, stage), services)
-    if not drive and (args.out is not None or args.json):
-        raise CanrollError("--out and --json belong to --replay of a bus log")
-    if args.replay is not None and not drive:
+    if mode == TRACE:
         return replay(args.replay, backend, firmware, key)
     if loaded is None:
         raise CanrollError("--calibration FILE is required; create one with 'canroll design'")
@@ -220,10 +206,6 @@ def phase_lock(args: argparse.Namespace, tick_us: int, firmware: BusFirmware) ->
     Raises:
         CanrollError: no phase is possible with this tick, or not this one.
     """
-    if args.phase_ms is not None and args.pace == "lockstep":
-        raise CanrollError(
-            "--phase: in lock step the plant grants the ticks: give it to 'canroll plant'"
-        )
     if args.phase_ms == FREE or args.pace == "lockstep":
         return None
     cycle_ms = firmware.bus.received[RX_IMU].cycle_ms
@@ -291,13 +273,8 @@ def replay_drive(
     """Drive the firmware with a bus log and show what it made of it.
 
     Raises:
-        CanrollError: an option that only a bus has, an unreadable log, or none of its frames.
+        CanrollError: an unreadable log, or none of its frames.
     """
-    for name in ONLY_ON_A_BUS:
-        given = getattr(args, name, None)
-        if given is not None and given is not False and given != "realtime":
-            option = name.removesuffix("_ms").replace("_", "-")
-            raise CanrollError(f"--{option}: a recorded drive has no bus; omit it")
     out = page_folder(folder_of(args))
     log = log_name(str(args.replay))
     assert log is not None

@@ -21,8 +21,8 @@ from dbc.reader import paths_of
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import physical_notes
 from gain_gen.calibration.record import identify
-from hil.cli.options import add_choices, add_services, choices_of, chosen_services
-from hil.cli.parsers import OF_A_DESIGN
+from hil.cli.design_parsers import OF_AN_EXPORT
+from hil.cli.options import choices_of, chosen_services
 from hil.cli.terminal import show_warnings
 from hil.runs.experiment import build_world, plan
 from hil.runs.frozen import Controller, refuse_wide_steps
@@ -30,65 +30,10 @@ from hil.runs.result import Settings
 from hil.runs.virtual_time import closed_loop
 
 HOSTILE_TICKS = 200
-OF_AN_EXPORT = ("calibration", *OF_A_DESIGN)
-
-
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "export-c", help="export the controller as C99 with test vectors"
-    )
-    parser.add_argument("folder", type=Path, help="folder of the bundle")
-    add_choices(parser, OF_AN_EXPORT)
-    add_choices(parser, ("dbc", "map"))
-    parser.add_argument(
-        "--elf",
-        type=Path,
-        help="only write the addresses of this image to DIR/canroll.a2l; with --calibration also "
-        "write the calibration at its address, as Intel HEX and S-record",
-    )
-    parser.add_argument(
-        "--address",
-        type=whole_number,
-        metavar="ADDRESS",
-        help="also write the calibration for this address, as Intel HEX and S-record",
-    )
-    parser.add_argument(
-        "--byte-order",
-        choices=tuple(a2l.BYTE_ORDERS),
-        help="of the target's memory, for canroll.a2l and --address (default: little; an image "
-        "says its own); the C code suits both",
-    )
-    parser.add_argument(
-        "--specialise",
-        action="store_true",
-        help="code for this calibration alone: smaller, faster, nothing to tune",
-    )
-    add_services(parser)
-    parser.add_argument(
-        "--nvm",
-        action="store_true",
-        help="with functions that save faults and learnt offsets over a loss of power",
-    )
-    parser.set_defaults(run=run)
-
-
-def whole_number(text: str) -> int:
-    """Read an integer in any notation of Python."""
-    return int(text, 0)
 
 
 def run(args: argparse.Namespace) -> int:
     """Write the bundle, or only its A2L if an image is given."""
-    if args.elf is not None and args.address is not None:
-        raise CanrollError("--elf gives the address: omit --address")
-    if args.elf is not None and args.byte_order is not None:
-        raise CanrollError("--elf gives the byte order: omit --byte-order")
-    if args.specialise and (args.elf is not None or args.address is not None):
-        raise CanrollError("--specialise has the calibration compiled in: omit --elf and --address")
-    services = services_of(args)
-    if args.specialise and services:
-        raise CanrollError(f"--specialise has the calibration compiled in: omit --{services[0]}")
     if args.address is not None:
         memory_image.check_address(args.address)
     if args.elf is not None:

@@ -13,14 +13,7 @@ from rich.table import Table
 
 from canroll.errors import CanrollError
 from hil.cli import terminal
-from hil.cli.ecu import check_side_channel
-from hil.cli.options import (
-    OF_A_RUN,
-    choices_of,
-    folder_of,
-    refuse_of_control,
-    refuse_useless,
-)
+from hil.cli.options import OF_A_RUN, choices_of, folder_of
 from hil.cli.terminal import show_timing
 from hil.exchange import signal_files
 from hil.realtime import hil_run, own_bus
@@ -76,8 +69,6 @@ def run(args: argparse.Namespace) -> int:
     if args.scenario is None and not args.check:
         raise CanrollError("a manoeuvre is required, such as double_lane_change")
     if args.check and not args.prepare:
-        unused = {"serve": None, "side_channel": None, "pace": "realtime", "passive": "virtual"}
-        refuse_useless(args, unused, "--check drives no manoeuvre")
         return check_machine(args)
 
     if args.prepare:
@@ -85,8 +76,6 @@ def run(args: argparse.Namespace) -> int:
             args.scenario or CHECKED, duration=args.duration, **choices_of(args, OF_A_RUN)
         )
         return 0
-    check_side_channel(args)
-    refuse_of_control(args)
     refuse_one_adapter(args)
     out = folder_of(args)
     for path, check in ((args.log, check_suffix), (args.signals, signal_files.check_suffix)):
@@ -141,9 +130,6 @@ def refuse_one_adapter(args: argparse.Namespace) -> None:
 
 def check_machine(args: argparse.Namespace) -> int:
     """Measure the shortest sustainable tick; return 1 if it exceeds the requested one."""
-    for option in ("out", "log", "signals"):
-        if getattr(args, option) is not None:
-            raise CanrollError(f"--check writes no files: omit --{option}")
     scenario = args.scenario or CHECKED
     settings, controller = experiment.plan(scenario, **choices_of(args, OF_A_RUN))
     options = bus_options(args) or (own_bus.fd_options() if settings.firmware.fd else [])

@@ -9,19 +9,19 @@ import os
 import sys
 import tempfile
 import traceback
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pkgutil import resolve_name
-from typing import Any, NoReturn
+from typing import Any
 
 import vehicles
 from canroll.errors import EXTRAS, CanrollError, MissingExtraError, UnknownNameError, reason
 from canroll.registry import BUILT_IN, Registry
 from gain_gen.laws import LAWS
 from hil.cli import project_file
-from hil.cli.parsers import COMMANDS, handler
+from hil.cli.commands import COMMANDS, handler, parser_of
+from hil.cli.parser import UsageError
 from hil.runs import mdf
-from hil.runs.choices import CHOICES
 from plant_sim.bodies import BODIES
 from plant_sim.buses import BUSES
 from plant_sim.driving import MANEUVERS
@@ -42,57 +42,6 @@ PLAIN = {
 INTERNAL_ERROR = 3
 OF_THE_MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE, errno.ENOMEM)
 """Errors of the system that neither the input nor canroll is to blame for."""
-
-
-RARE = frozenset(choice.name for choice in CHOICES.values() if choice.rare)
-
-
-class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line that refers to ``--help``.
-
-    Options have one spelling, as command lines are read and written again. ``--help`` leaves out
-    the rare ones.
-    """
-
-    def __init__(self, **options: Any) -> None:  # noqa: ANN401
-        super().__init__(**{**options, "allow_abbrev": False})
-        self.add_argument("--help-all", action=_HelpAll, help="show the rare options too")
-
-    def format_help(self) -> str:
-        """Return the help without the rare options."""
-        rare = [action for action in self._actions if action.dest in RARE]
-        texts = [action.help for action in rare]
-        for action in rare:
-            action.help = argparse.SUPPRESS
-        try:
-            return super().format_help()
-        finally:
-            for action, text in zip(rare, texts, strict=True):
-                action.help = text
-
-    @property
-    def options(self) -> Collection[str]:
-        """How the options are written."""
-        return self._option_string_actions.keys()
-
-    def error(self, message: str) -> NoReturn:
-        """Report the error in one line on stderr and exit with 2."""
-        raise UsageError(f"{message} (see '{self.prog} --help')")
-
-
-class _HelpAll(argparse.Action):
-    """Print the help with the rare options, and exit."""
-
-    def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
-        super().__init__(option_strings, dest, nargs=0, default=argparse.SUPPRESS, help=help)
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        print(argparse.ArgumentParser.format_help(parser))
-        parser.exit()
-
-
-class UsageError(CanrollError):
-    """The command line could not be understood."""
 
 
 TASKS: Mapping[str, tuple[str, ...]] = {
@@ -137,6 +86,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     Raises:
         UnknownNameError: there is no such command.
         UsageError: its options are wrong.
+        CanrollError: an option would have no effect.
     """
     name = arguments[0]
     if name.startswith("-"):
@@ -145,27 +95,13 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         raise UnknownNameError("command", name, COMMANDS)
     parser = parser_of(name)
     arguments = [name, *project_file.words(parser.options, arguments[1:]), *arguments[1:]]
-    namespace, unknown = parser.parse_known_args(arguments[1:])
+    namespace, unknown = parser.read(arguments[1:])
     if unknown:
-        told = f"see 'canroll {name} --help'"
-        raise UsageError(f"'{name}' does not take {' '.join(unknown)} ({told})")
+        raise UsageError(
+            f"'{name}' does not take {' '.join(unknown)} (see 'canroll {name} --help')"
+        )
     namespace.arguments = list(arguments)
     return namespace
-
-
-def parser_of(name: str) -> Parser:
-    """Return the parser of one subcommand."""
-    command = COMMANDS[name]
-    options = command.options
-    if options is not None:
-        parser = Parser(prog=f"canroll {name}")
-        add = resolve_name(f"hil.cli.{options}") if isinstance(options, str) else options
-        add(parser)
-        return parser
-    subparsers = Parser(prog="canroll").add_subparsers()
-    resolve_name(f"{handler(name).partition(':')[0]}:add_parser")(subparsers)
-    found: Parser = subparsers.choices[name]
-    return found
 
 
 def dispatch(arguments: Sequence[str]) -> int:

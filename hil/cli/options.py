@@ -11,7 +11,8 @@ from typing import Any
 import vehicles
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.run import SERVICES
-from hil.runs.choices import CHOICES, PASSIVE, Choice, chosen, one_or_several, several
+from hil.cli.parser import Parser, Relations
+from hil.runs.choices import CHOICES, Choice, chosen, one_or_several, several
 from plant_sim.driving import MANEUVERS
 
 DEFAULT_OUT = Path("out")
@@ -51,7 +52,7 @@ def scenario(text: str) -> str:
     return text
 
 
-def add_scenario(parser: argparse.ArgumentParser, default: str = "") -> None:
+def add_scenario(parser: Parser, default: str = "") -> None:
     """Add the manoeuvre argument; required without a default."""
     names = ", ".join(MANEUVERS)
     if default:
@@ -67,7 +68,7 @@ def add_scenario(parser: argparse.ArgumentParser, default: str = "") -> None:
 
 
 def add_choices(
-    parser: argparse.ArgumentParser,
+    parser: Parser,
     names: Iterable[str] = OF_A_RUN,
     *,
     several: Collection[str] = (),
@@ -88,6 +89,7 @@ def add_choices(
         if name in own:
             choice = replace(choice, default=own[name])
         _add(group if name in NODES else parser, choice, listed=name in several)
+        parser.relate(Relations(excludes=choice.excludes), name)
         parser.set_defaults(**{name: own.get(name)})
         if name == "vehicle":
             parser.add_argument(
@@ -100,9 +102,7 @@ def add_choices(
             )
 
 
-def _add(
-    parser: "argparse.ArgumentParser | argparse._ArgumentGroup", choice: Choice, *, listed: bool
-) -> None:
+def _add(parser: "Parser | argparse._ArgumentGroup", choice: Choice, *, listed: bool) -> None:
     add = partial(parser.add_argument, choice.option, dest=choice.name)
     if choice.kind is bool:
         add(action="store_false" if choice.default else "store_true", help=choice.help)
@@ -148,33 +148,7 @@ def _shown(default: Any) -> str:  # noqa: ANN401
     return f"{default:g}" if isinstance(default, float) else str(default)
 
 
-def refuse_useless(args: argparse.Namespace, unused: Mapping[str, Any], why: str) -> None:
-    """Refuse options that a command would ignore, also those given with their defaults.
-
-    Args:
-        args: of the command, with its words in ``arguments``.
-        unused: their names, with the values they have where they are not given.
-        why: why they have no effect.
-
-    Raises:
-        CanrollError: one of them is given.
-    """
-    given = {word.partition("=")[0] for word in getattr(args, "arguments", ())}
-    for name, default in unused.items():
-        option = CHOICES[name].option if name in CHOICES else f"--{name.replace('_', '-')}"
-        if option in given or getattr(args, name, default) not in (default, None):
-            raise CanrollError(f"{option}: {why}: omit it")
-
-
-def refuse_of_control(args: argparse.Namespace) -> None:
-    """Refuse options of the controller beside ``--law passive``."""
-    names = ("observer", "gains", "moment_share", "feedforward", "identification")
-    if args.law == PASSIVE:
-        unused = dict.fromkeys((*names, "offset_learning", "response_watch"))
-        refuse_useless(args, unused, "--law passive has no control")
-
-
-def add_services(parser: argparse.ArgumentParser) -> None:
+def add_services(parser: Parser) -> None:
     """Add the services beside the loop."""
     parser.add_argument(
         "--xcp", action="store_true", help="with XCP: measure, calibrate, change pages"
@@ -239,26 +213,48 @@ def _changed(choices: Mapping[str, Any], changes: Sequence[tuple[str, str]]) -> 
     return vehicles.load(chosen(choices, "vehicle")).replace(numbers)
 
 
-EXECUTION = {"jobs": os.cpu_count() or 1, "scheduler": "local", "resume": False, "only": None}
-"""Options of :func:`add_execution`, and their defaults."""
+EXECUTION = ("jobs", "scheduler", "resume", "only")
+"""Options of :func:`add_execution`."""
+ONE_CASE = "--only drives one case"
 
 
-def add_execution(parser: argparse.ArgumentParser, case: str, *without: str) -> None:
+def add_execution(parser: Parser, case: str, *without: str) -> None:
     """Add how the cases of a study are driven, of which ``case`` N is one, except ``without``."""
-    parser.set_defaults(**EXECUTION)
+    parser.set_defaults(jobs=os.cpu_count() or 1, scheduler="local", resume=False, only=None)
+    one = {} if "only" in without else {"only": ONE_CASE}
     options: dict[str, dict[str, Any]] = {
         "jobs": {"type": _processes, "metavar": "N", "help": "processes (default: all cores)"},
         "scheduler": {
+            "excludes": one,
             "type": _scheduler,
             "metavar": "ADDRESS",
             "help": "local processes, or a Dask scheduler, tcp://HOST:PORT (default: %(default)s)",
         },
-        "resume": {"action": "store_true", "help": "continue from what the output folder has"},
+        "resume": {
+            "excludes": one,
+            "action": "store_true",
+            "help": "continue from what the output folder has",
+        },
         "only": {"type": int, "metavar": "N", "help": f"drive {case} N alone, counted from 0"},
     }
     for name, keywords in options.items():
         if name not in without:
             parser.add_argument(f"--{name}", **keywords)
+
+
+def add_spread(parser: Parser) -> None:
+    """Add the option for the spread of a vehicle population."""
+    parser.add_argument(
+        "--spread",
+        action="append",
+        type=key_value,
+        default=[],
+        metavar="QUANTITY=SHARE",
+        help="half-width of the range of a quantity, e.g. roll_stiffness=0.3; 0: not varied. "
+        "Default: 0.2 of roll_inertia, roll_damping, roll_stiffness, sprung_mass, "
+        "cg_height_above_roll_axis and estimate_error, 0.1 of cornering_stiffness and friction, "
+        "0 of speed; may be repeated",
+    )
 
 
 def _processes(text: str) -> int:
@@ -273,7 +269,7 @@ def _scheduler(text: str) -> str:
     return text
 
 
-def add_recording(parser: argparse.ArgumentParser) -> None:
+def add_recording(parser: Parser) -> None:
     """Add the options for the files of bus log and signals."""
     parser.add_argument(
         "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4 .pcap .pcapng"
@@ -283,23 +279,22 @@ def add_recording(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_json(parser: argparse.ArgumentParser) -> None:
+def add_json(parser: Parser) -> None:
     """Add the option --json."""
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
-def add_verbose(parser: argparse.ArgumentParser, more: str) -> None:
+def add_verbose(parser: Parser, more: str) -> None:
     """Add --verbose, which prints ``more``."""
-    parser.add_argument("--verbose", action="store_true", help=f"print {more} too")
+    parser.add_argument(
+        "--verbose",
+        excludes={"json": "--json has everything"},
+        action="store_true",
+        help=f"print {more} too",
+    )
 
 
-def refuse_verbose_json(args: argparse.Namespace) -> None:
-    """Raise if --verbose is given with --json, which has everything."""
-    if args.verbose and args.json:
-        raise CanrollError("--verbose has no effect with --json: leave out one of them")
-
-
-def add_answer(parser: argparse.ArgumentParser, files: str) -> None:
+def add_answer(parser: Parser, files: str) -> None:
     """Add --out for the result ``files``, and --json."""
     parser.add_argument(
         "--out", type=path_named, metavar="DIR", help=f"folder for {files} (default: out)"
@@ -309,7 +304,7 @@ def add_answer(parser: argparse.ArgumentParser, files: str) -> None:
     )
 
 
-def add_numbers(parser: argparse.ArgumentParser) -> None:
+def add_numbers(parser: Parser) -> None:
     """Add --out for the numbers of a study, and --json."""
     parser.add_argument(
         "--out",

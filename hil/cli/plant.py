@@ -4,9 +4,9 @@ import argparse
 
 import vehicles
 from canroll.errors import CanrollError
-from hil.cli.bus_parsers import DEFAULT_SERVE
 from hil.cli.ecu import check_memory, nanoseconds, peer_timeout
-from hil.cli.options import choices_of, refuse_useless
+from hil.cli.options import choices_of
+from hil.cli.parser import refuse
 from hil.exchange import signal_files
 from hil.realtime import lockstep, own_bus, plant_loop, plant_record, process, side_channel, warm
 from hil.realtime.bus_link import Link, has_bus, open_link, parsed_options
@@ -33,16 +33,10 @@ def run(args: argparse.Namespace) -> int:
             check_parent(check(path))
     peer_timeout(args)
     nanoseconds(args.duration, "--duration")
-    if args.phase_ms is not None and args.pace != "lockstep":
-        raise CanrollError(
-            "--phase: in real time the ECU keeps the phase: give it to 'canroll ecu'"
-        )
     check_memory(args, profile_of(choices_of(args)))
     memory = lasting.read(args.memory)
-    if args.pace == "lockstep":
-        refuse_useless(args, {"cpu": None}, "in lock step no core is chosen")
     if has_bus(args):
-        refuse_useless(args, {"serve": DEFAULT_SERVE}, "it is of the plant's own bus, not of -i")
+        refuse(args, "serve", "it is of the plant's own bus, not of -i")
     # compiled before the clock runs: this world is thrown away
     rehearsed = world_of(args)
     rehearsed.advance(plant_loop.STEP_NS)
@@ -210,7 +204,7 @@ def _link(args: argparse.Namespace) -> Link:
     if has_bus(args):
         return open_link(args, fd)
     if fd:
-        refuse_useless(args, {"serve": DEFAULT_SERVE}, own_bus.NOT_SERVED)
+        refuse(args, "serve", own_bus.NOT_SERVED)
         options = own_bus.fd_options()
         link = open_link(parsed_options(options), fd)
         print(f"serving {' '.join(options)}", flush=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 import dbc
 from dbc.reader import each
 from hil.cli import terminal
-from hil.cli.options import choices_of, folder_of, refuse_of_control, refuse_verbose_json
+from hil.cli.options import choices_of, folder_of
 from hil.exchange import signal_files
 from hil.report.run_folder import write_files, write_text
 from hil.report.run_page import run_page
@@ -23,8 +23,6 @@ from hil.runs.virtual_time import Interrupted
 
 def run(args: argparse.Namespace) -> int:
     """Run, report and write; 1 if the verdict is that control does not help."""
-    refuse_of_control(args)
-    refuse_verbose_json(args)
     out = folder_of(args)
     for path, check in ((args.log, check_suffix), (args.signals, signal_files.check_suffix)):
         if path is not None:
@@ -98,7 +96,6 @@ def answer(
 
 def report(args: argparse.Namespace) -> int:
     """Write the page and print the table; 1 if the verdict is that control does not help."""
-    refuse_verbose_json(args)
     result = saved_run.load(args.folder)
     page = check_parent(args.out or args.folder / "report.html", out=args.folder)
     result = experiment.with_files(result, {**result.files, "report": str(page)})

@@ -18,7 +18,7 @@ from codegen.run.ecu_traffic import Traffic
 from codegen.run.footprint import Footprint, footprint
 from codegen.specialise.firmware import specialised
 from firmware.calibration import Calibration
-from hil.cli.options import choices_of, refuse_useless
+from hil.cli.options import choices_of
 from hil.cli.terminal import progress, show_timing
 from hil.realtime import session
 from hil.realtime.budget import Budget, budget_of, judge_host, judge_target
@@ -32,23 +32,13 @@ from plant_sim.can_bus.own_frames import most_received
 if TYPE_CHECKING:
     from codegen.worst_case.authentication import Authentication
 
-OF_A_BOUND = {"ticks": 4000, "clock": None, "wait_states": 0, "multiplier": 1, "division": 12}
-"""Options of ``--bound``, with their defaults."""
-OF_THE_TARGET = {"processor": "cortex-m4", "counter": None, "specialise": False, "bound": False}
-"""Options of a replay on the target, with their defaults."""
-
 
 def run(args: argparse.Namespace) -> int:
     """Replay a manoeuvre on the target; return 1 if the budget is exceeded."""
     if args.hil:
-        refuse_useless(
-            args, OF_THE_TARGET | OF_A_BOUND, "--hil runs on this machine, not the target"
-        )
         return run_on_host(args)
     if args.bound:
-        refuse_useless(args, {"counter": None}, "--bound reads the code, and replays it by qemu")
         return run_bound(args)
-    refuse_useless(args, OF_A_BOUND, "it belongs to --bound")
     settings, controller, traffic = recorded(args)
     record = controller.record
     firmware = chosen(settings.firmware, record, specialise=args.specialise)

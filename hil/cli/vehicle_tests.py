@@ -77,9 +77,6 @@ def response(args: argparse.Namespace) -> int:
         vehicle = unladen(vehicle)
     if args.linear:
         return _linear(args, vehicle, body)
-    for option in ("lateral_acceleration", "friction", "out"):
-        if getattr(args, option) is not None:
-            raise CanrollError(f"--{option.replace('_', '-')} needs --linear")
     result = handling.frequency_response(vehicle, body, speed=args.speed / 3.6)
     rows = {
         "yaw_rate": result.yaw_rate / vehicle.steering.ratio,

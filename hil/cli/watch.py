@@ -14,9 +14,10 @@ from rich.table import Table
 from rich.text import Text
 
 from canroll.errors import CanrollError
+from hil.cli.bus_parsers import LOOPBACK, WEB_PORT
 from hil.cli.ecu import nanoseconds
 from hil.realtime import process
-from hil.realtime.bus_link import add_bus_arguments, open_link
+from hil.realtime.bus_link import open_link
 from hil.realtime.hardware.interfaces import is_loopback
 from hil.report.console import Console
 from hil.watch.observation import Observation
@@ -24,38 +25,8 @@ from hil.watch.onlooker import Onlooker
 from hil.watch.page import live_page
 
 DEFAULT_BITRATE = 500_000
-DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8029
 REFRESH = 0.1
 MODE_STYLES = {"INIT": "yellow", "ACTIVE": "green", "DEGRADED": "yellow", "SAFE": "red"}
-
-
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "watch",
-        help="watch the roll controller from the bus",
-        description="Show mode, roll, moments, trigger rate, bus load and fault codes.",
-    )
-    add_bus_arguments(parser)
-    parser.add_argument("--duration", type=float, metavar="S", help="default: until Ctrl-C")
-    parser.add_argument(
-        "--web", action="store_true", help="live plots in the browser instead of the terminal"
-    )
-    parser.add_argument(
-        "--port",
-        type=int,
-        metavar="N",
-        help=f"port of the page, 0: a free one (default: {DEFAULT_PORT})",
-    )
-    parser.add_argument(
-        "--host",
-        metavar="ADDRESS",
-        help=f"address on which the page is served (default: {DEFAULT_HOST}, this machine only)",
-    )
-    parser.add_argument(
-        "--json", action="store_true", help="no display; print one JSON object at the end"
-    )
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -76,11 +47,8 @@ def in_browser(args: argparse.Namespace) -> bool:
     """Return whether a page is requested.
 
     Raises:
-        CanrollError: invalid options of the page, or options of the page without ``--web``.
+        CanrollError: an invalid port.
     """
-    for name in ("port", "host"):
-        if getattr(args, name) is not None and not args.web:
-            raise CanrollError(f"--{name} applies to the page in the browser: add --web")
     if args.port is not None and not 0 <= args.port <= 65535:
         raise CanrollError(f"--port must be 1 to 65535, or 0 for a free one, got {args.port}")
     return bool(args.web)
@@ -106,8 +74,8 @@ def watch_in_browser(args: argparse.Namespace, seen: Observation, until: float) 
     """Fill ``seen``, and serve the page that shows it, until the clock reaches ``until``."""
     from hil.watch import server  # noqa: PLC0415 - needs the extra "web"
 
-    host = args.host or DEFAULT_HOST
-    address = server.Address(host=host, port=DEFAULT_PORT if args.port is None else args.port)
+    host = args.host or LOOPBACK
+    address = server.Address(host=host, port=WEB_PORT if args.port is None else args.port)
     page = live_page(bitrate=seen.bitrate, assumed="bitrate" not in args)
     out = sys.stderr if args.json else sys.stdout
 

@@ -7,7 +7,7 @@ tables of docs/commands.md.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
 from types import NoneType
@@ -52,6 +52,7 @@ class Choice:
         saved: whether results contain it; otherwise it is in their calibration.
         repeated: whether it may be given several times: see :func:`one_or_several`.
         rare: whether only ``--help-all`` shows it.
+        excludes: other options, such as "law=passive", beside which it has no effect, and why.
         name: keyword of :func:`canroll.run`, and key in JSON.
         kind: str, Path, float, int, bool, Mapping or Sequence.
         hint: annotation of the keyword: the types of its values.
@@ -70,6 +71,7 @@ class Choice:
     saved: bool = True
     repeated: bool = False
     rare: bool = False
+    excludes: Mapping[str, str] = field(default_factory=dict)
     name: str = ""
     kind: type = str
     hint: Any = str
@@ -130,6 +132,7 @@ class Choice:
         return value
 
 
+WITHOUT_CONTROL = {f"law={PASSIVE}": "--law passive has no control"}
 TINY = 1e-9
 """Smallest accepted value of quantities that must be positive."""
 
@@ -201,6 +204,7 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--observer",
+            excludes=WITHOUT_CONTROL,
             help="roll observer of the ECU",
             of=CONTROLLER,
             default="two_sensors",
@@ -347,6 +351,7 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--gains",
+            excludes=WITHOUT_CONTROL,
             rare=True,
             help="computed gains, or those printed in the law's paper",
             of=CONTROLLER,
@@ -380,6 +385,7 @@ class Choices(TypedDict, total=False):
         float | None,
         Choice(
             option="--moment-share",
+            excludes=WITHOUT_CONTROL,
             rare=True,
             help="RMS moment over the RMS of the roll moment m h a_y; of steering_lead, by "
             "default 0.8",
@@ -394,6 +400,7 @@ class Choices(TypedDict, total=False):
         bool | None,
         Choice(
             option="--no-feedforward",
+            excludes=WITHOUT_CONTROL,
             help="without the disturbance feedforward",
             of=CONTROLLER,
             default=True,
@@ -405,6 +412,7 @@ class Choices(TypedDict, total=False):
         bool | None,
         Choice(
             option="--identification",
+            excludes=WITHOUT_CONTROL,
             rare=True,
             help="identify roll stiffness and damping at run time",
             of=CONTROLLER,
@@ -417,6 +425,7 @@ class Choices(TypedDict, total=False):
         bool | None,
         Choice(
             option="--learn-offsets",
+            excludes=WITHOUT_CONTROL,
             rare=True,
             help="learn the offsets of the sensors while driving straight",
             of=CONTROLLER,
@@ -429,6 +438,7 @@ class Choices(TypedDict, total=False):
         bool | None,
         Choice(
             option="--no-watch-response",
+            excludes=WITHOUT_CONTROL,
             rare=True,
             help="without the monitors that need the suspension's stroke rates",
             of=CONTROLLER,

@@ -8,11 +8,11 @@ from pathlib import Path
 import vehicles
 from canroll.errors import CanrollError, VerdictError
 from codegen.fmu import ecu
-from hil.cli.options import DEFAULT_SCENARIO, add_choices, choices_of, path_named, scenario
-from hil.cli.parsers import OF_A_DESIGN
+from hil.cli.options import DEFAULT_SCENARIO, choices_of
+from hil.cli.parser import check_mode
 from hil.cli.terminal import show_warnings
 from hil.exchange import body_fmu, bus_fmu, plant_fmu
-from hil.runs.choices import CHOICES, chosen
+from hil.runs.choices import chosen
 from hil.runs.experiment import build_world, maneuver_of, plan, tick_offset_ns
 from hil.runs.frozen import profile_of, refuse_authenticated
 from hil.runs.virtual_time import RUN_TIME_NS
@@ -23,62 +23,21 @@ from plant_sim.can_bus.recorded_profile import RecordedProfile
 from plant_sim.driving import maneuvers
 from plant_sim.world.world_parts import command_of
 
-OF_A_PLANT = (
-    *("calibration", *OF_A_DESIGN, "dbc", "map", "seed", "plant", "plant_vehicle"),
-    *("speed_kmh", "options", "faults", "conditions"),
-)
-OF_A_VEHICLE = ("vehicle", "plant", "speed_kmh")
-OF_A_BUS = ("bus", "dbc", "map", "seed", "actuator")
 MOST_FREE_NODES = 32
-OF_AN_ECU = ("calibration", *OF_A_DESIGN, "dbc", "map", "phase_ms", "seed")
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What can be exported: its writer, the options that apply to it, who has to have the key."""
+    """What can be exported: its writer, and whether it has to have the key."""
 
     write: Callable[[argparse.Namespace], str]
-    choices: tuple[str, ...]
     authenticates: bool = False
-
-
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "export-fmu", help="export a part of a run as a Functional Mock-up Unit (FMI 3.0)"
-    )
-    parser.add_argument("kind", choices=tuple(KINDS), help="part of the run")
-    parser.add_argument("out", type=path_named, metavar="OUT.fmu", help="file to write")
-    parser.add_argument(
-        "--ports",
-        choices=ecu.PORTS,
-        default=ecu.CAN,
-        help="CAN terminals (fmi-ls-bus), or plain signals (default: %(default)s)",
-    )
-    names = dict.fromkeys(name for kind in KINDS.values() for name in kind.choices)
-    add_choices(parser, [name for name in CHOICES if name in names])
-    parser.add_argument(
-        "--scenario",
-        type=scenario,
-        default=DEFAULT_SCENARIO,
-        help="plant and vehicle: the manoeuvre (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--nodes",
-        type=int,
-        default=0,
-        metavar="N",
-        help="bus: further nodes, on the first segment (default: %(default)s)",
-    )
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Write the FMU."""
     kind = KINDS[args.kind]
-    for name in choices_of(args):
-        if name not in kind.choices:
-            raise CanrollError(f"{CHOICES[name].option} does not apply to the {args.kind}: omit it")
+    check_mode(args, args.kind, why=f"it does not apply to the {args.kind}")
     if kind.authenticates:
         refuse_authenticated(profile_of(choices_of(args)), f"export-fmu {args.kind}")
     out: Path = args.out
@@ -91,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
 
 def write_ecu(args: argparse.Namespace) -> str:
     """Write the ECU with its calibration."""
-    settings, controller = plan(DEFAULT_SCENARIO, **choices_of(args, OF_AN_ECU))
+    settings, controller = plan(DEFAULT_SCENARIO, **choices_of(args))
     verified = bool(controller.tables["design"]["verified"])
     if not verified and not args.unverified:
         raise VerdictError(
@@ -117,9 +76,7 @@ def write_ecu(args: argparse.Namespace) -> str:
 
 def write_bus(args: argparse.Namespace) -> str:
     """Write the network of a bus profile with its background traffic."""
-    if args.ports != ecu.CAN:
-        raise CanrollError("a bus has CAN terminals: omit --ports")
-    given = choices_of(args, OF_A_BUS)
+    given = choices_of(args)
     name, profile = str(chosen(given, "bus")), profile_of(given)
     if isinstance(profile, RecordedProfile):
         raise CanrollError(f"{name}: a log is no network: choose a bus profile or network file")
@@ -137,7 +94,7 @@ def write_bus(args: argparse.Namespace) -> str:
 
 def write_plant(args: argparse.Namespace) -> str:
     """Write vehicle, driver, actuators and sensors in a manoeuvre."""
-    settings, _ = plan(args.scenario, **choices_of(args, OF_A_PLANT))
+    settings, _ = plan(args.scenario, **choices_of(args))
     command = command_of(settings.actuator, settings.command)
     title = f"{args.scenario} of {settings.vehicle.name} with {settings.actuator}"
     plant_fmu.write(
@@ -155,9 +112,7 @@ def write_plant(args: argparse.Namespace) -> str:
 
 def write_vehicle(args: argparse.Namespace) -> str:
     """Write the vehicle alone, with the map that takes it as the plant again."""
-    if args.ports != ecu.CAN:
-        raise CanrollError("a vehicle has plain signals: omit --ports")
-    given = choices_of(args, OF_A_VEHICLE)
+    given = choices_of(args)
     vehicle, model = vehicles.load(chosen(given, "vehicle")), chosen(given, "plant")
     speed = given.get("speed_kmh")
     maneuver = maneuvers.build(
@@ -174,8 +129,8 @@ def write_vehicle(args: argparse.Namespace) -> str:
 
 
 KINDS = {
-    "ecu": Kind(write_ecu, OF_AN_ECU, authenticates=True),
-    "plant": Kind(write_plant, OF_A_PLANT, authenticates=True),
-    "bus": Kind(write_bus, OF_A_BUS),
-    "vehicle": Kind(write_vehicle, OF_A_VEHICLE),
+    "ecu": Kind(write_ecu, authenticates=True),
+    "plant": Kind(write_plant, authenticates=True),
+    "bus": Kind(write_bus),
+    "vehicle": Kind(write_vehicle),
 }

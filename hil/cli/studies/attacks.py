@@ -16,7 +16,7 @@ from hil.attacks.suite import Drive, Driven, Outcome, Suite
 from hil.cli import terminal
 from hil.cli.cases import driven
 from hil.cli.hil import bus_options, refuse_one_adapter
-from hil.cli.options import EXECUTION, choices_of, refuse_useless
+from hil.cli.options import choices_of
 from hil.realtime.bus_link import has_bus, open_link
 from hil.report.page import Table
 from hil.report.run_folder import write_page
@@ -36,22 +36,20 @@ def run(args: argparse.Namespace) -> int:
     """Drive all attacks and print their tables; 1 if one gets through authentication."""
     out = page_folder(args.out)
     if has_bus(args):
-        unused = {name: EXECUTION[name] for name in ("jobs", "scheduler")}
-        refuse_useless(args, unused, "an interface carries one attack after the other")
         args.jobs = 1
     with driven(args, out) as cases, under(args) as drive:
-        found = [
+        suites = [
             suite.run(args.scenario, named=args.attack, under=drive, cases=cases, **choices)
             for choices in chosen(choices_of(args))
         ]
-    code = 1 if any(its.broken for its in found) else 0
-    data = write_page(out, "attacks", {}, {"suites": [its.to_json() for its in found]})
+    code = 1 if any(each.broken for each in suites) else 0
+    data = write_page(out, "attacks", {}, {"suites": [each.to_json() for each in suites]})
     if args.json:
         print(json.dumps(data))
         return code
-    for its in found:
-        terminal.show_verdict(its.verdict, good=not its.broken if its.authenticated else None)
-        terminal.show_table(Table("", HEAD, list(rows(its))))
+    for each in suites:
+        terminal.show_verdict(each.verdict, good=not each.broken if each.authenticated else None)
+        terminal.show_table(Table("", HEAD, list(rows(each))))
         print()
     return code
 

@@ -499,7 +499,7 @@ def test_command_line_says_what_is_wrong(tmp_path, capsys):
             1,
             "no roll-rate gain helps at delays of 200 to 200 ms",
         ),
-        (["design", "--delay", "20", "--bus", "500k"], 2, "excludes"),
+        (["design", "--delay", "20", "--bus", "500k"], 2, "the bus has its delay"),
         (["margins", str(tmp_path / "none")], 2, "cannot read calibration"),
         (["margins", str(tmp_path / "empty.toml")], 2, "empty file"),
         (["design", "--vehicle", str(tmp_path / "empty.toml")], 2, "empty file"),

@@ -10,7 +10,7 @@ import pytest
 
 from canroll.errors import VerdictError
 from hil.cli import main as cli
-from hil.cli.parsers import COMMANDS, Command, handler
+from hil.cli.commands import COMMANDS, handler
 from hil.runs import virtual_time
 
 
@@ -22,7 +22,7 @@ def command(monkeypatch):
         def options(parser):
             parser.add_argument("--count", type=int)
 
-        monkeypatch.setitem(COMMANDS, "run", Command("run", options))
+        monkeypatch.setattr("hil.cli.run_parsers.run", options)
         monkeypatch.setattr(cli, "resolve_name", lambda name: run)
 
     return register

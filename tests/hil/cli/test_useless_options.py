@@ -2,8 +2,10 @@
 
 import pytest
 
-from hil.cli.main import main
-from hil.cli.options import refuse_useless
+from canroll.errors import CanrollError
+from hil.cli.commands import COMMANDS, parser_of
+from hil.cli.main import main, parse
+from hil.cli.parser import refuse
 
 USELESS = [
     ("run moose --plant linear_car --set friction=0.8", "friction: linear_car has no tyres"),
@@ -106,6 +108,22 @@ def test_an_option_without_effect_is_refused(line, says, capsys, monkeypatch, tm
 
 
 def test_what_is_not_given_is_no_fault():
-    from argparse import Namespace
+    args = parse(["timing", "--duration", "3"])
+    assert args.given == {"duration"} and args.ticks == 4000
+    refuse(args, "ticks", "it has no effect")
 
-    refuse_useless(Namespace(ticks=4000, clock=None), {"ticks": 4000, "clock": None, "x": 1}, "")
+
+def test_an_option_is_given_by_its_word_not_by_its_value():
+    with pytest.raises(CanrollError, match="--duration: it has no effect: omit it"):
+        refuse(parse(["timing", "--duration", "5"]), "duration", "it has no effect")
+
+
+def test_every_relation_names_options_of_its_command():
+    for name in COMMANDS:
+        parser = parser_of(name)
+        known = {action.dest for action in parser._actions}
+        for option, relations in parser.relations.items():
+            others = [*relations.needs, *relations.excludes]
+            # the choices' relations name the law, which not all commands have
+            assert {each.partition("=")[0] for each in others} <= {*known, "law"}, option
+            assert option in known

@@ -52,6 +52,7 @@ def test_check_names_what_is_unusual(capsys):
         (["new", "mine.toml", *SIZES[:-2]], "--height is missing"),
         (["new", "mine.toml", *SIZES, "--set", "bars=many"], "--set bars=many: must be a number"),
         (["new", "no/folder/mine.toml", *SIZES], "cannot write no/folder/mine.toml"),
+        (["check", "van_real", "--mass", "2000"], "--mass: it belongs to canroll vehicle new"),
         (["check", "van_real", "--class", "lorry"], "unknown class of vehicles 'lorry'"),
     ],
 )

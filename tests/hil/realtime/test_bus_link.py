@@ -193,8 +193,8 @@ def test_why_a_bus_does_not_open_is_one_line(error, mends):
         ),
         (["hil", "double_lane_change", "--serve", "a:1", "-i", "socketcan"], "omit -i"),
         (["ecu", "--replay", "nosuch.npz"], "cannot read"),
-        (["watch", "--port", "80"], "add --web"),
-        (["watch", "--host", "::"], "add --web"),
+        (["watch", "--port", "80"], "it belongs to --web: add that"),
+        (["watch", "--host", "::"], "it belongs to --web: add that"),
         (["watch", "--web", "--port", "70000"], "1 to 65535"),
     ],
 )

@@ -264,7 +264,7 @@ def test_the_check_on_the_terminal(capsys):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--check", "--out", "x"], "omit --out"),
+        (["--check", "--out", "x"], "--out: --check writes no files"),
         (["--check", "--duration", "0"], "0.5 to 3600 s"),
         (["--check", "-i", "socketcan", "-c", "nosuch0"], "nosuch0"),
         (["--check", "no_manoeuvre"], "unknown scenario"),

@@ -136,9 +136,9 @@ def test_a_program_that_falls_over_is_quoted(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["hil", "double_lane_change", "--side-channel"], "requires --pace lockstep"),
-        (["plant", "double_lane_change", "--side-channel", "a:1"], "requires --pace lockstep"),
-        (["plant", "double_lane_change", "--phase", "1"], "give it to 'canroll ecu'"),
+        (["hil", "double_lane_change", "--side-channel"], "it belongs to --pace lockstep"),
+        (["plant", "double_lane_change", "--side-channel", "a:1"], "it belongs to --pace lockstep"),
+        (["plant", "double_lane_change", "--phase", "1"], "in real time to 'canroll ecu'"),
         (["plant", "double_lane_change", "--peer-timeout", "-1"], "must be at least 0"),
         (["hil", "double_lane_change", "--phase", "12"], "got 12 ms"),
     ],

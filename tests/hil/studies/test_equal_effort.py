@@ -247,10 +247,10 @@ def test_the_effort_by_default_is_half_of_what_holds_the_body_upright():
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        (["--effort", "900"], "--effort belongs to --compare --runs"),
-        (["--compare", "--spread", "speed=0.1"], "--spread belongs to --compare --runs"),
-        (["--compare", "--plant", "roll1"], "--plant belongs to --compare --runs"),
-        (["--compare", "--law", "lqr"], "--compare designs every law: omit --law"),
+        (["--effort", "900"], "--effort: it belongs to --compare --runs"),
+        (["--compare", "--spread", "speed=0.1"], "--spread: it belongs to --compare --runs"),
+        (["--compare", "--plant", "roll1"], "--plant: it belongs to --compare --runs"),
+        (["--compare", "--law", "lqr"], "--law: --compare designs every law"),
         (["--compare", "--runs", "2", "--effort", "-4"], "--effort -4: must be 1 to 20000"),
         (["--compare", "--runs", "1"], "--runs must be at least 2"),
     ],

@@ -93,9 +93,9 @@ def test_another_bus_and_options_of_a_bus_are_refused(recorded, tmp_path):
     with pytest.raises(CanrollError, match="none of the frames that the ECU receives"):
         ecu.run(parse([*line, str(other), "--out", str(tmp_path)]))
     for option in (("--duration", "3"), ("-i", "virtual"), ("--trace", "t.npz"), ("--cpu", "0")):
-        with pytest.raises(CanrollError, match="a recorded drive has no bus; omit it"):
+        with pytest.raises(CanrollError, match="a recorded drive has no bus: omit it"):
             ecu.run(parse([*line, str(log), *option]))
-    with pytest.raises(CanrollError, match="belong to --replay of a bus log"):
+    with pytest.raises(CanrollError, match="--json: it belongs to --replay of a bus log"):
         ecu.run(parse([*line[:-1], "--json"]))
 
 

@@ -31,8 +31,8 @@ def test_a_bus_carries_authenticated_frames_as_any_other(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["bus", "x.fmu", "--law", "lqr"], "--law does not apply to the bus"),
-        (["bus", "x.fmu", "--ports", "signals"], "omit --ports"),
+        (["bus", "x.fmu", "--law", "lqr"], "--law: it does not apply to the bus"),
+        (["bus", "x.fmu", "--ports", "signals"], "--ports: it does not apply to the bus"),
         (["bus", "x.fmu", "--nodes", "-1"], "--nodes must be 0 to"),
         (["plant", "x.fmu", "--fault", "Imu=loss:0.5"], "not part of the plant"),
         (["plant", "x.fmu", "--bus", "secured_fd"], "export-fmu plant cannot authenticate"),

@@ -317,11 +317,11 @@ def test_the_command_shares_a_set_with_its_programs():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--share"], "--share and --programs require each other"),
+        (["--share"], "--share: it belongs to --programs: add that"),
         (["--share", "99999", "--programs", "1"], "the port must be 0 to 65535"),
         (["--share", "--programs", "0"], "--programs must be at least 1"),
-        (["--mirror", "virtual:x"], "--share is required"),
-        (["--share", "--programs", "1", "--serve"], "--serve and --share exclude each other"),
+        (["--mirror", "virtual:x"], "--mirror: it belongs to --share: add that"),
+        (["--share", "--programs", "1", "--serve"], "--serve: --share has its own server: omit it"),
     ],
 )
 def test_the_command_refuses_what_cannot_be(capsys, options, message):
