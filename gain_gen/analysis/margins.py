@@ -88,6 +88,35 @@ def negative_crossings(gain: Complex) -> list[float]:
     return [value for value in found if value < -np.finfo(float).tiny]
 
 
+def factor_within(
+    gain: Complex, *, gain_db: float, sensitivity: float, most: float = 1e12, halvings: int = 30
+) -> float:
+    """Return the largest factor on a loop gain that keeps a gain margin and a peak sensitivity.
+
+    The loop is stable for small factors; the first crossing of −1 is the one that counts.
+
+    Args:
+        gain: L on a grid of frequencies, negative feedback.
+        gain_db: least gain margin, dB.
+        sensitivity: largest Ms.
+        most: largest factor.
+        halvings: of the interval in the search.
+    """
+    nearest = max((-value for value in negative_crossings(gain)), default=0.0)
+    high = min(most, 10.0 ** (-gain_db / 20.0) / nearest) if nearest > 0.0 else most
+
+    def keeps(factor: float) -> bool:
+        return 1.0 / float(np.abs(1.0 + factor * gain).min()) <= sensitivity
+
+    if keeps(high):
+        return high
+    low = 0.0
+    for _ in range(halvings):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if keeps(middle) else (low, middle)
+    return low
+
+
 def _stabilising_db(loop: Loop, crossings: list[float]) -> float:
     """Return the smallest change of an unstable loop's gain that stabilises it, dB."""
     for value in sorted(value for value in crossings if value < -1.0)[::-1]:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from gain_gen.analysis.family import NOMINAL, Condition, Family, family
-from gain_gen.analysis.margins import negative_crossings
+from gain_gen.analysis.margins import factor_within
 from gain_gen.models.controller import SPEEDS, Controller, scaled_controller
 from gain_gen.models.roll import Matrix, stationary_covariance
 from gain_gen.models.state_space import Complex
@@ -93,23 +93,10 @@ def loop_gains(found: Family, controller: Controller) -> Iterator[Complex]:
 
 
 def largest_factor(gain: Complex) -> float:
-    """Return the largest factor up to :data:`MOST` on a loop gain that keeps the margins.
-
-    The loop is stable for small factors; the first crossing of −1 is the one that counts.
-    """
-    nearest = max((-value for value in negative_crossings(gain)), default=0.0)
-    high = min(MOST, 10.0 ** (-GAIN_MARGIN_DB / 20.0) / nearest) if nearest > 0.0 else MOST
-
-    def sensitivity(factor: float) -> float:
-        return 1.0 / float(np.abs(1.0 + factor * gain).min())
-
-    if sensitivity(high) <= PEAK_SENSITIVITY:
-        return high
-    low = 0.0
-    for _ in range(12):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if sensitivity(middle) <= PEAK_SENSITIVITY else (low, middle)
-    return low
+    """Return the largest factor up to :data:`MOST` on a loop gain that keeps the margins."""
+    return factor_within(
+        gain, gain_db=GAIN_MARGIN_DB, sensitivity=PEAK_SENSITIVITY, most=MOST, halvings=12
+    )
 
 
 def scheduled(controller: Controller, limits: tuple[float, ...], scale: float) -> Controller:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from gain_gen.analysis.family import Family, Member
-from gain_gen.analysis.margins import negative_crossings
+from gain_gen.analysis.margins import factor_within
 from gain_gen.analysis.verify import GAIN_MARGIN_DB, PEAK_SENSITIVITY
 from gain_gen.models.controller import Y_RATE, Y_ROLL
 from gain_gen.models.state_space import Complex
@@ -58,9 +58,6 @@ class _Channel:
     free: Complex
     free_rate: Complex
 
-    def sensitivity(self, gain: float) -> float:
-        return float(1.0 / np.abs(1.0 + gain * self.loop).min())
-
     @property
     def steady(self) -> float:
         """The steady roll over the largest, without control."""
@@ -86,7 +83,10 @@ def _channel(member: Member, delay: float) -> _Channel:
 def best_rate_gain(family: Family) -> RateGain:
     """Return the roll-rate gain of least worst-case peak among those with the margins."""
     channels = [_channel(member, delay) for member in family.members for delay in family.delays]
-    largest = INSIDE * min(_largest_gain(channel) for channel in channels)
+    largest = INSIDE * min(
+        factor_within(channel.loop, gain_db=GAIN_MARGIN_DB, sensitivity=PEAK_SENSITIVITY)
+        for channel in channels
+    )
 
     def worst(log_gain: float) -> float:
         return max(channel.peak_ratio(float(np.exp(log_gain))) for channel in channels)
@@ -113,22 +113,3 @@ def best_rate_gain(family: Family) -> RateGain:
 def free_peak(member: Member) -> float:
     """Return the largest roll angle over a roll moment without control, rad per N·m."""
     return float(np.abs(member.disturbed[:, Y_ROLL]).max())
-
-
-def _largest_gain(channel: _Channel) -> float:
-    """Return the largest gain with gain margin and peak sensitivity inside their limits.
-
-    The car is stable without control, so its loop is stable up to the first crossing.
-    """
-    edge = 1.0 / max([1e-12, *(-value for value in negative_crossings(channel.loop))])
-    upper = edge * float(10.0 ** (-GAIN_MARGIN_DB / 20.0))
-    if channel.sensitivity(upper) <= PEAK_SENSITIVITY:
-        return upper
-    lower = 0.0
-    for _ in range(30):
-        middle = 0.5 * (lower + upper)
-        if channel.sensitivity(middle) <= PEAK_SENSITIVITY:
-            lower = middle
-        else:
-            upper = middle
-    return lower

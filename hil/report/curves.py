@@ -26,8 +26,7 @@ from hil.runs.metrics import (
     response_times,
 )
 from hil.runs.trace import Trace
-from plant_sim.bodies.ports import WHEELS
-from plant_sim.world.recording import AXLES
+from plant_sim.bodies.ports import AXLES, WHEELS
 from plant_sim.world.spool import blocks, pieces, row_count
 from vehicles import GRAVITY
 

@@ -17,9 +17,8 @@ from canroll.typing import Vector
 from firmware.state import ACTIVE, DEGRADED
 from hil.reaction.harm import PATH_ERROR, ROLL_ANGLE, HarmLimit
 from hil.runs.trace import Trace
-from plant_sim.bodies.ports import WHEELS
+from plant_sim.bodies.ports import AXLES, WHEELS
 from plant_sim.can_bus.kernel.layout import DELIVERED
-from plant_sim.world.recording import AXLES
 from plant_sim.world.spool import blocks, pieces
 from vehicles import Vehicle
 

@@ -7,7 +7,7 @@ higher; wheels in the order front left, front right, rear left, rear right. SI u
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import wraps
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,7 +35,7 @@ FRICTION = 20  # road friction, scales the tyre's peak
 LATERAL_ACCELERATION = 21  # prescribed a_y (m/s²) for the roll-only plant; NaN: from the tyres
 N_INPUTS = 22
 
-# What a body tells. The heading frame lies in the road plane, x along the heading, z its normal.
+# Outputs of a body. The heading frame lies in the road plane, x along the heading, z its normal.
 X = 0  # position on the road plane of the point under the static CG of the whole car (m)
 Y = 1
 YAW = 2  # heading (rad)
@@ -63,13 +63,73 @@ LATERAL_FORCE = 38  # tyre force of each wheel along the car's left (N), 4
 PATH_ERROR = 42  # lateral distance from the driver's path, left > 0 (m); the driver fills it
 ROLLOVER = 43  # 1 once the car has rolled over: an end state
 TWO_WHEEL_LIFT = 44  # 1 while both wheels of one side are off the road
-BAR_MOMENT = (
-    45  # moment on the body from integrated electro-hydraulic bars, front and rear (N·m), 2
-)
+BAR_MOMENT = 45  # moment on the body from integrated electro-hydraulic bars (N·m), 2
 BAR_ANGLE = 47  # shaft angle of their hydromotors (rad), 2
 BAR_PRESSURE = 49  # their load pressure (Pa), 2
 BODY_ACC = 51  # inertial acceleration of the sprung CG in the heading frame (m/s²), 3
 N_OUTPUTS = 54
+
+AXLES = ("front", "rear")
+
+
+class Port(NamedTuple):
+    """A quantity of a body by name: first slot, unit, and one, one an axle (2) or a wheel (4).
+
+    ``recorded``: it is a signal of a run; ``exchanged``: a quantity that an FMU may have.
+    """
+
+    name: str
+    slot: int
+    unit: str = ""
+    number: int = 1
+    recorded: bool = True
+    exchanged: bool = True
+
+    @property
+    def slots(self) -> dict[str, int]:
+        """Slot by name; one an axle or a wheel has its place as a suffix."""
+        places = {1: ("",), 2: AXLES, 4: WHEELS}[self.number]
+        return {f"{self.name}_{place}".rstrip("_"): self.slot + k for k, place in enumerate(places)}
+
+
+INPUTS = (
+    Port("steer", STEER, "rad"),
+    Port("drive_force", DRIVE_FORCE, "N", recorded=False),
+    Port("brake_force", BRAKE_FORCE, "N", 4, recorded=False),
+    Port("corner_force", CORNER_FORCE, "N", 4),
+    Port("bar_moment", BAR_MOMENT_FRONT, "N·m", 2),
+    Port("valve_current", VALVE_CURRENT_FRONT, "A", 2),
+    Port("road_height", ROAD_HEIGHT, "m", 4, recorded=False),
+    Port("bank", BANK, "rad"),
+    Port("grade", GRADE, "rad", recorded=False),
+    Port("friction", FRICTION),
+)
+"""What drives a body."""
+OUTPUTS = (
+    *(Port("x", X, "m"), Port("y", Y, "m"), Port("yaw", YAW, "rad")),
+    *(Port("vx", VX, "m/s"), Port("vy", VY, "m/s"), Port("ax", AX, "m/s²"), Port("ay", AY, "m/s²")),
+    *(Port("yaw_rate", YAW_RATE, "rad/s"), Port("yaw_acc", YAW_ACC, "rad/s²")),
+    Port("roll", ROLL, "rad"),
+    *(Port("roll_rate", ROLL_RATE, "rad/s"), Port("roll_acc", ROLL_ACC, "rad/s²")),
+    Port("pitch", PITCH, "rad"),
+    *(Port("pitch_rate", PITCH_RATE, "rad/s"), Port("pitch_acc", PITCH_ACC, "rad/s²")),
+    Port("heave", HEAVE, "m"),
+    *(Port("heave_rate", HEAVE_RATE, "m/s"), Port("heave_acc", HEAVE_ACC, "m/s²")),
+    *(
+        Port(f"sprung_a{axis}", BODY_ACC + k, "m/s²", recorded=False)
+        for k, axis in enumerate("xyz")
+    ),
+    Port("wheel_load", WHEEL_LOAD, "N", 4),
+    *(Port("travel", TRAVEL, "m", 4), Port("travel_rate", TRAVEL_RATE, "m/s", 4)),
+    Port("wheel_speed", WHEEL_SPEED, "rad/s", 4),
+    Port("wheel_height", WHEEL_HEIGHT, "m", 4),
+    Port("lateral_force", LATERAL_FORCE, "N", 4),
+    Port("path_error", PATH_ERROR, "m", exchanged=False),
+    *(Port("rollover", ROLLOVER), Port("two_wheel_lift", TWO_WHEEL_LIFT)),
+    Port("bar_angle", BAR_ANGLE, "rad", 2, exchanged=False),
+    Port("bar_pressure", BAR_PRESSURE, "Pa", 2, exchanged=False),
+)
+"""What a body does; the moments of integrated bars are those of the actuators in a record."""
 
 ROLLOVER_ANGLE = 0.6
 """Roll angle (rad) beyond which no car comes back: an end state of every body."""

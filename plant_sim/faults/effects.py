@@ -5,9 +5,9 @@ from dataclasses import replace
 
 from plant_sim.faults import kinds
 from plant_sim.faults.language import Fault
-from plant_sim.nodes.actuators import ActuatorFault, ActuatorOptions
+from plant_sim.nodes.actuators import ActuatorOptions
 from plant_sim.nodes.sensors import FAULTS as SENSOR_KINDS
-from plant_sim.nodes.sensors import SENDERS, SensorFault, SensorOptions
+from plant_sim.nodes.sensors import SENDERS, SensorOptions
 
 
 def power_losses(faults: Iterable[Fault]) -> Iterator[Fault]:
@@ -34,7 +34,7 @@ def _of_nodes(faults: Iterable[Fault]) -> Iterator[Fault]:
                 yield replace(fault, where=message)
 
 
-def sensor_faults(faults: Iterable[Fault]) -> Iterator[SensorFault]:
+def sensor_faults(faults: Iterable[Fault]) -> Iterator[Fault]:
     """Yield the faults of the sensors, of their messages and of their nodes."""
     faults = tuple(faults)
     for fault in (*faults, *_of_nodes(faults)):
@@ -44,19 +44,10 @@ def sensor_faults(faults: Iterable[Fault]) -> Iterator[SensorFault]:
         ):
             if fault.kind == "delay" and kinds.PLACES[fault.where] == kinds.MESSAGE:
                 continue
-            yield SensorFault(
-                signal=fault.where,
-                kind=fault.kind,
-                value=fault.value,
-                start=fault.start,
-                end=fault.end,
-                ramp=fault.ramp,
-                every=fault.every,
-                lasting=fault.lasting,
-            )
+            yield fault
 
 
-def actuator_faults(faults: Iterable[Fault]) -> Iterator[ActuatorFault]:
+def actuator_faults(faults: Iterable[Fault]) -> Iterator[Fault]:
     """Yield the faults of the actuators; without power they float."""
     faults = tuple(faults)
     without_power = (
@@ -66,16 +57,7 @@ def actuator_faults(faults: Iterable[Fault]) -> Iterator[ActuatorFault]:
     )
     for fault in (*faults, *without_power):
         if kinds.PLACES[fault.where] == kinds.ACTUATOR:
-            yield ActuatorFault(
-                corner=fault.where,
-                kind=fault.kind,
-                value=fault.value,
-                start=fault.start,
-                end=fault.end,
-                ramp=fault.ramp,
-                every=fault.every,
-                lasting=fault.lasting,
-            )
+            yield fault
 
 
 def with_faults(

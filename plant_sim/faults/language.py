@@ -13,6 +13,7 @@ from typing import Any
 from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
 from plant_sim.faults.kinds import PLACES, Kind, kinds_at
+from plant_sim.kernels import schedule
 
 FORM = "write WHERE=KIND, WHERE=KIND:VALUE@START:END or WHERE=KIND:VALUE@START:END:RAMP"
 AND = " + "
@@ -22,26 +23,12 @@ TIMES = {"every": "every", "for": "lasting"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fault:
-    """One fault, as plain data.
+class Fault(schedule.Fault):
+    """One fault by its place and kind.
 
-    It acts from ``start`` until before ``end`` (s) and reaches its full strength after ``ramp``;
-    with ``every`` above 0 it is intermittent: it acts for ``lasting`` in each such period.
-
-    Attributes:
-        where: what fails: a name in ``kinds.PLACES``, such as "Imu.RollRate" or "front_left".
-        kind: how: a name of ``kinds.KINDS``.
-        value: how much, in SI units; 0 where the kind has no value.
+    ``where`` is a name in ``kinds.PLACES``, such as "Imu.RollRate" or "front_left", ``kind`` one of
+    ``kinds.KINDS``; times as in :class:`plant_sim.kernels.schedule.Fault`.
     """
-
-    where: str
-    kind: str
-    value: float = 0.0
-    start: float = 0.0
-    end: float = math.inf
-    ramp: float = 0.0
-    every: float = 0.0
-    lasting: float = 0.0
 
     def __str__(self) -> str:
         """Return the text that :func:`parse` reads."""

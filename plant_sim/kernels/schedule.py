@@ -1,7 +1,7 @@
 """When a fault acts, and how strongly: plain rows of integers that every kernel can read."""
 
 import math
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,32 +15,27 @@ NEVER = 2**62
 NO_TARGET = -1
 
 
-class Timed(Protocol):
-    """What all faults have in common, times in s.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fault:
+    """One fault, as plain data.
 
-    A fault acts from ``start`` until before ``end`` and reaches its full strength after ``ramp``;
-    with ``every`` above 0 it acts for ``lasting`` at the beginning of each such period.
+    It acts from ``start`` until before ``end`` (s) and reaches its full strength after ``ramp``;
+    with ``every`` above 0 it is intermittent: it acts for ``lasting`` in each such period.
+
+    Attributes:
+        where: what fails.
+        kind: how.
+        value: how much, in SI units; 0 where the kind has no value.
     """
 
-    @property
-    def start(self) -> float:
-        """Beginning."""
-
-    @property
-    def end(self) -> float:
-        """End; infinite: none."""
-
-    @property
-    def ramp(self) -> float:
-        """Time from nothing to full strength."""
-
-    @property
-    def every(self) -> float:
-        """Period of an intermittent fault; 0: without interruption."""
-
-    @property
-    def lasting(self) -> float:
-        """Time for which an intermittent fault acts in each period."""
+    where: str
+    kind: str
+    value: float = 0.0
+    start: float = 0.0
+    end: float = math.inf
+    ramp: float = 0.0
+    every: float = 0.0
+    lasting: float = 0.0
 
 
 @njit
@@ -61,19 +56,19 @@ def table(rooms: int) -> NDArray[np.int64]:
     return np.full((rooms, N_SCHEDULE), NO_TARGET, dtype=np.int64)
 
 
-def row(target: int, kind: int, timed: Timed, what: str) -> list[int]:
-    """Return the row of a fault; ``what`` names it in messages.
+def row(target: int, kind: int, fault: Fault, what: str) -> list[int]:
+    """Return the row of a fault with numbers for its place and kind; ``what`` names it in messages.
 
     Raises:
-        CanrollError: times that cannot be.
+        CanrollError: times out of range.
     """
-    if not 0 <= timed.start < timed.end:
+    if not 0 <= fault.start < fault.end:
         raise CanrollError(f"{what}: start must be >= 0 and before end")
-    if not 0 <= timed.ramp < math.inf:
+    if not 0 <= fault.ramp < math.inf:
         raise CanrollError(f"{what}: ramp must be 0 or more")
-    if timed.every and not 0 < timed.lasting < timed.every < math.inf:
+    if fault.every and not 0 < fault.lasting < fault.every < math.inf:
         raise CanrollError(f"{what}: an intermittent fault lasts above 0 and below its period")
-    end = round(timed.end * 1e9) if math.isfinite(timed.end) else NEVER
-    times = (timed.start, timed.ramp, timed.every, timed.lasting)
+    end = round(fault.end * 1e9) if math.isfinite(fault.end) else NEVER
+    times = (fault.start, fault.ramp, fault.every, fault.lasting)
     start, ramp, every, lasting = (round(value * 1e9) for value in times)
     return [target, kind, start, end, ramp, every, lasting]

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.kernels import schedule
+from plant_sim.kernels.schedule import Fault
 from plant_sim.nodes import actuator_kernel, codec, e2e, envelope, hydraulics
 from plant_sim.nodes.actuator_kernel import Actuators
 from vehicles.actuators import ACTUATORS, Actuator
@@ -74,28 +75,6 @@ _REPORT = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ActuatorFault:
-    """A fault of the actuators at ``corner``: a corner, an axle, or all ("actuators").
-
-    Kinds: "stuck" holds the delivered force, "floating" delivers none, "weak" delivers the fraction
-    ``value`` of the demand, and their status says so. "dead" delivers none, "slow" has ``value``
-    times the lag, "reversed" delivers the opposite, "runaway" the fraction ``value`` of the limit
-    on top of the demand, and the status stays OK; "derating" limits to the fraction ``value`` of
-    the limit. "lying" reports OK and the commanded moment, whatever else is wrong. A bar joins
-    both corners of its axle. Times as in :class:`plant_sim.kernels.schedule.Timed`.
-    """
-
-    corner: str
-    kind: str
-    start: float = 0.0
-    end: float = math.inf
-    value: float = 0.5
-    ramp: float = 0.0
-    every: float = 0.0
-    lasting: float = 0.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ActuatorOptions:
     """Operating conditions of the vehicle's actuators.
 
@@ -110,7 +89,7 @@ class ActuatorOptions:
     oil_temperature: float = NOMINAL_TEMPERATURE
     supply: float = NOMINAL_SUPPLY
     supervision: e2e.Supervision = field(default_factory=e2e.Supervision)
-    faults: tuple[ActuatorFault, ...] = ()
+    faults: tuple[Fault, ...] = ()
 
 
 def thickening(temperature: float) -> float:
@@ -164,8 +143,8 @@ def _check(kind: str, options: ActuatorOptions, timeout_ms: float) -> None:
     if len(options.faults) > actuator_kernel.FAULTS:
         raise CanrollError(f"actuators: at most {actuator_kernel.FAULTS} faults per run")
     for fault in options.faults:
-        if fault.corner not in PLACES:
-            raise UnknownNameError("corner", fault.corner, PLACES)
+        if fault.where not in PLACES:
+            raise UnknownNameError("corner", fault.where, PLACES)
         if fault.kind not in FAULTS:
             raise UnknownNameError("actuator fault", fault.kind, FAULTS)
 
@@ -181,13 +160,13 @@ def _curve(data: SemiActiveDampers) -> NDArray[np.float64]:
 
 
 def fault_tables(
-    faults: tuple[ActuatorFault, ...],
+    faults: tuple[Fault, ...],
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Rows of :mod:`plant_sim.kernels.schedule` and values of faults."""
     table, value = schedule.table(actuator_kernel.FAULTS), np.zeros(actuator_kernel.FAULTS)
     for number, fault in enumerate(faults):
-        what = f"actuator fault at {fault.corner}"
-        table[number] = schedule.row(PLACES[fault.corner], FAULTS[fault.kind], fault, what)
+        what = f"actuator fault at {fault.where}"
+        table[number] = schedule.row(PLACES[fault.where], FAULTS[fault.kind], fault, what)
         value[number] = fault.value
     return table, value
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.can_bus import own_frames
 from plant_sim.kernels import schedule
+from plant_sim.kernels.schedule import Fault
 from plant_sim.nodes import codec, sensor_kernel
 from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.imu_motion import N_MOTION
@@ -86,29 +87,6 @@ PER_UNIT = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SensorFault:
-    """A fault of a signal, written "Imu.RollRate", or of a whole message, "Imu".
-
-    Kinds for a signal: "stuck" holds the last value, "offset" adds ``value``, "drift" ``value`` per
-    second, "burst" white noise of deviation ``value`` and "spike" ``value`` to single samples (SI
-    units); "scale" multiplies by ``value``, "reversed" by -1; "delay" is ``value`` seconds late;
-    "invalid" sends the error code. For a message, or the one of a signal: "dropout" keeps it off
-    the bus, "frozen" repeats its last sample, "frozen_counter" its last counter, "down" loses power
-    and restarts, "clock_drift" stretches its cycle time by the fraction ``value``. Times as in
-    :class:`plant_sim.kernels.schedule.Timed`.
-    """
-
-    signal: str
-    kind: str
-    start: float = 0.0
-    end: float = math.inf
-    value: float = 0.0
-    ramp: float = 0.0
-    every: float = 0.0
-    lasting: float = 0.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SensorOptions:
     """Operating conditions of the vehicle's sensors.
 
@@ -132,7 +110,7 @@ class SensorOptions:
     phases: Mapping[str, float] = field(default_factory=dict)
     synchronous: bool = False
     lsb: Mapping[str, float] = field(default_factory=dict)
-    faults: tuple[SensorFault, ...] = ()
+    faults: tuple[Fault, ...] = ()
 
     @classmethod
     def ideal(cls, **changes: object) -> "SensorOptions":
@@ -205,21 +183,21 @@ def _channel(
     return row
 
 
-def _fault(fault: SensorFault, node: NDArray[np.int64]) -> tuple[list[int], float]:
+def _fault(fault: Fault, node: NDArray[np.int64]) -> tuple[list[int], float]:
     """Row and value of a fault among the tables of the sensors' nodes."""
     if fault.kind not in FAULTS:
         raise UnknownNameError("sensor fault", fault.kind, FAULTS)
-    message = fault.signal.partition(".")[0]
+    message = fault.where.partition(".")[0]
     if message not in NODES:
         raise UnknownNameError("sensor message", message, NODES)
-    what = f"sensor fault of {fault.signal}"
+    what = f"sensor fault of {fault.where}"
     number = NODES.index(message)
     value = fault.value
     if fault.kind in MESSAGE_FAULTS:
         target = sensor_kernel.N_CHANNELS + number
         value = value if fault.kind == "clock_drift" else 1.0
     else:
-        target = signal_channel(fault.signal)
+        target = signal_channel(fault.where)
     period = int(node[number, sensor_kernel.PERIOD]) * 1e-9
     if fault.kind == "spike":
         fault = replace(fault, every=fault.every or SPIKE_EVERY, lasting=period)
@@ -231,23 +209,23 @@ def _fault(fault: SensorFault, node: NDArray[np.int64]) -> tuple[list[int], floa
     return schedule.row(target, FAULTS[fault.kind], fault, what), value
 
 
-def _refuse_unsayable(fault: SensorFault, tables: Codec) -> None:
-    message, _, signal = fault.signal.partition(".")
+def _refuse_unsayable(fault: Fault, tables: Codec) -> None:
+    message, _, signal = fault.where.partition(".")
     if not signal:
         return
     row = tables.field[codec.signal_index(message, signal)]
     if not row[codec.PIECES]:
-        raise CanrollError(f"sensor fault of {fault.signal}: the map has no such signal")
+        raise CanrollError(f"sensor fault of {fault.where}: the map has no such signal")
     unsaid = row[codec.RAW_ERROR] == codec.NO_ERROR_CODE and row[codec.VALIDITY] < 0
     if fault.kind == "invalid" and unsaid:
         raise CanrollError(
-            f"sensor fault of {fault.signal}: the signal has no code for invalid: add unavailable "
+            f"sensor fault of {fault.where}: the signal has no code for invalid: add unavailable "
             "or valid in the map"
         )
 
 
 def fault_tables(
-    faults: Sequence[SensorFault], node: NDArray[np.int64], tables: Codec
+    faults: Sequence[Fault], node: NDArray[np.int64], tables: Codec
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Rows of :mod:`plant_sim.kernels.schedule` and values of faults of the nodes ``node``.
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.bodies import ports
-from plant_sim.bodies.ports import WHEELS
+from plant_sim.bodies.ports import Port
 from plant_sim.kernels.jit import njit
 from plant_sim.nodes import actuator_kernel, envelope
 from plant_sim.nodes.actuator_kernel import Actuators
@@ -16,60 +16,26 @@ INPUTS = ports.N_OUTPUTS
 ACTUATOR = INPUTS + ports.N_INPUTS
 N_COLUMNS = ACTUATOR + 14
 
-AXLES = ("front", "rear")
-
-
-def _four(name: str, first: int) -> dict[str, int]:
-    return {f"{name}_{wheel}": first + i for i, wheel in enumerate(WHEELS)}
-
-
-def _two(name: str, first: int) -> dict[str, int]:
-    return {f"{name}_{axle}": first + i for i, axle in enumerate(AXLES)}
-
-
-SIGNALS: dict[str, int] = {
-    "x": ports.X,
-    "y": ports.Y,
-    "yaw": ports.YAW,
-    "vx": ports.VX,
-    "vy": ports.VY,
-    "ax": ports.AX,
-    "ay": ports.AY,
-    "yaw_rate": ports.YAW_RATE,
-    "yaw_acc": ports.YAW_ACC,
-    "roll": ports.ROLL,
-    "roll_rate": ports.ROLL_RATE,
-    "roll_acc": ports.ROLL_ACC,
-    "pitch": ports.PITCH,
-    "pitch_rate": ports.PITCH_RATE,
-    "pitch_acc": ports.PITCH_ACC,
-    "heave": ports.HEAVE,
-    "heave_rate": ports.HEAVE_RATE,
-    "heave_acc": ports.HEAVE_ACC,
-    **_four("wheel_load", ports.WHEEL_LOAD),
-    **_four("travel", ports.TRAVEL),
-    **_four("travel_rate", ports.TRAVEL_RATE),
-    **_four("wheel_speed", ports.WHEEL_SPEED),
-    **_four("wheel_height", ports.WHEEL_HEIGHT),
-    **_four("lateral_force", ports.LATERAL_FORCE),
-    "path_error": ports.PATH_ERROR,
-    "rollover": ports.ROLLOVER,
-    "two_wheel_lift": ports.TWO_WHEEL_LIFT,
-    **_two("bar_angle", ports.BAR_ANGLE),
-    **_two("bar_pressure", ports.BAR_PRESSURE),
-    "steer": INPUTS + ports.STEER,
-    "bank": INPUTS + ports.BANK,
-    "friction": INPUTS + ports.FRICTION,
-    **_four("corner_force", INPUTS + ports.CORNER_FORCE),
-    **_two("bar_moment", INPUTS + ports.BAR_MOMENT_FRONT),
-    **_two("valve_current", INPUTS + ports.VALVE_CURRENT_FRONT),
-    **_four("demand", ACTUATOR),
-    **_two("moment", ACTUATOR + 4),
-    **_two("moment_estimate", ACTUATOR + 6),
-    "command_held": ACTUATOR + 8,
-    **_four("status", ACTUATOR + 9),
-    "envelope": ACTUATOR + 13,
-}
+RECORDED = ("steer", "bank", "friction", "corner_force", "bar_moment", "valve_current")
+"""Inputs of the body that are recorded, in order."""
+PORTS = (
+    *(port for port in ports.OUTPUTS if port.recorded),
+    *(
+        port._replace(slot=INPUTS + port.slot)
+        for port in sorted(
+            (port for port in ports.INPUTS if port.recorded),
+            key=lambda port: RECORDED.index(port.name),
+        )
+    ),
+    Port("demand", ACTUATOR, number=4),
+    Port("moment", ACTUATOR + 4, "N·m", 2),
+    Port("moment_estimate", ACTUATOR + 6, "N·m", 2),
+    Port("command_held", ACTUATOR + 8),
+    Port("status", ACTUATOR + 9, number=4),
+    Port("envelope", ACTUATOR + 13),
+)
+"""What is recorded; slots are columns."""
+SIGNALS: dict[str, int] = {name: slot for port in PORTS for name, slot in port.slots.items()}
 """Column of each recorded signal, SI units. ``demand``: the accepted command by channel (N, N·m or
 mA); ``moment``: delivered roll moment on the body by axle; ``status``: 0 OK, 1 limited, 2 stuck,
 3 floating; ``envelope``: 1 where the actuators' envelope refuses the command."""
@@ -77,36 +43,7 @@ mA); ``moment``: delivered roll moment on the body by axle; ``status``: 0 OK, 1 
 NAMES = ("time", *SIGNALS)
 """The recorded signals in order; ``time`` in s."""
 
-_UNITS = {
-    "x": "m",
-    "y": "m",
-    "yaw": "rad",
-    "vx": "m/s",
-    "vy": "m/s",
-    "ax": "m/s²",
-    "ay": "m/s²",
-    "roll": "rad",
-    "pitch": "rad",
-    "heave": "m",
-    "path_error": "m",
-    "steer": "rad",
-    "bank": "rad",
-}
-_FAMILIES = {
-    "wheel_load": "N",
-    "travel_rate": "m/s",
-    "travel": "m",
-    "wheel_speed": "rad/s",
-    "wheel_height": "m",
-    "lateral_force": "N",
-    "corner_force": "N",
-    "bar_angle": "rad",
-    "bar_pressure": "Pa",
-    "bar_moment": "N·m",
-    "moment": "N·m",
-    "valve_current": "A",
-}
-_RATES = {"yaw": "rad", "roll": "rad", "pitch": "rad", "heave": "m"}
+_UNITS = {name: port.unit for port in PORTS for name in port.slots}
 
 # Columns of a row of applied commands.
 SAMPLED, SUBMITTED, RECEIVED, APPLIED, COUNTER, N_COMMAND = range(6)
@@ -181,9 +118,4 @@ def signal_block(
 
 def unit(name: str) -> str:
     """Return the unit of a recorded signal, '' for flags and units that depend on the actuator."""
-    if name in _UNITS:
-        return _UNITS[name]
-    stem, _, derivative = name.rpartition("_")
-    if stem in _RATES and derivative in ("rate", "acc"):
-        return _RATES[stem] + ("/s" if derivative == "rate" else "/s²")
-    return next((u for family, u in _FAMILIES.items() if name.startswith(family)), "")
+    return _UNITS.get(name, "")

@@ -191,9 +191,7 @@ def test_step_equals_scipy():
     vehicle = vehicles.load("van_real")
     _, parameters = bodies.body("linear_car_hydraulic").build(vehicle, 20.0)
     n = linear_car.N_LINEAR
-    start = linear_car.P_MATRICES
-    a = parameters[start : start + n * n].reshape(n, n)
-    b = parameters[start + n * n :].reshape(n, len(INPUTS))
+    a, b = (parameters.view(linear_car.LINEAR_CAR)[0][name] for name in ("a", "b"))
     outputs = simulated(
         bodies.body("linear_car_hydraulic"),
         vehicle,
@@ -234,7 +232,8 @@ def test_linearisation_keeps_mass_and_axles():
     vehicle = vehicles.load("van_real")
     car = from_vehicle(vehicle, suspension_stiffness=vehicle.plant.roll_stiffness)
     assert car.mass == vehicle.total_mass and car.valves is None
-    static = linear_car.parameters_of(car, 10.0)[linear_car.P_STATIC : linear_car.P_STATIC + 2]
+    parameters = linear_car.parameters_of(car, 10.0).view(linear_car.LINEAR_CAR)[0]
+    static = parameters["axle"]["wheel_load"]
     assert 2 * static.sum() == pytest.approx(vehicle.total_mass * vehicles.GRAVITY, rel=1e-12)
 
 
@@ -261,7 +260,8 @@ def test_momentum_and_its_moment_about_the_road_change_by_the_road_alone(drawn):
     rate = np.zeros_like(state)
     linear_car.derivative(state, inputs, parameters, rate)
     linear_car._observe(state, inputs, parameters, outputs)
-    loads = parameters[linear_car.P_STATIC + np.array([0, 0, 1, 1])]
+    static_loads = parameters.view(linear_car.LINEAR_CAR)[0]["axle"]["wheel_load"]
+    loads = np.repeat(static_loads, 2)
     hops = state[linear_car.HOP : linear_car.HOP + 4]
     loads = loads - vehicle.tyre.vertical_stiffness * hops
     loads = loads - vehicle.tyre.vertical_damping * state[linear_car.HOP_RATE :][:4]
@@ -290,7 +290,7 @@ def test_momentum_and_its_moment_about_the_road_change_by_the_road_alone(drawn):
         moment += m * g * (hub - vehicle.tyre.radius * np.sin(bank))
         spin = 2 * vehicle.tyre.wheel_inertia * speed / vehicle.tyre.radius
         moment -= spin * yaw_rate
-        static = 2 * parameters[linear_car.P_STATIC + axle]
+        static = 2 * static_loads[axle]
         moment -= track * (loads[2 * axle] - loads[2 * axle + 1]) + static * patch
     pushed = outputs[ports.LATERAL_FORCE : ports.LATERAL_FORCE + 4].sum()
     weight = vehicle.total_mass * g
