@@ -4,11 +4,11 @@ import json
 import subprocess
 import sys
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, UnknownNameError
 
 MOST_BYTES = 16 << 20
 """Size of a text file; a larger one is not what it is taken for."""
@@ -30,6 +30,22 @@ def refuse_other(table: Mapping[str, Any], needed: str, where: str) -> None:
     for name, kind in KINDS.items():
         if needed not in table and name in table:
             raise CanrollError(f"{where}: this is {kind}")
+
+
+def refuse_unknown(table: Iterable[str], known: Collection[str], kind: str) -> None:
+    """Refuse a key that is not ``known``, with the one that was probably meant.
+
+    Args:
+        table: the keys given.
+        known: those there are.
+        kind: what a key is, with its place: "key in map.toml [xcp]".
+
+    Raises:
+        UnknownNameError: for the first such key.
+    """
+    for key in table:
+        if key not in known:
+            raise UnknownNameError(kind, key, known)
 
 
 def text(path: Path) -> str:

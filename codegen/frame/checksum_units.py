@@ -11,6 +11,7 @@ from typing import Any
 
 from cantools.database.can import Message, Signal
 
+from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.frame.checksum import LISTED, Bits, Unit
 from codegen.frame.place import Place
@@ -139,9 +140,7 @@ def _words(units: Sequence[Unit], width: int, where: str) -> Iterator[Unit]:
 
 def _table(entry: Mapping[str, Any], frame: Frame, where: str) -> Iterable[Unit]:
     """A signal, or the identifier, with its order of bytes."""
-    for key in entry:
-        if key not in ("signal", "id", "order"):
-            raise UnknownNameError(f"key of over in {where}", key, ("signal", "id", "order"))
+    documents.refuse_unknown(entry, ("signal", "id", "order"), f"key of over in {where}")
     order = entry.get("order", "little")
     if order not in ("little", "big"):
         raise UnknownNameError(f"order in over in {where}", order, ("little", "big"))

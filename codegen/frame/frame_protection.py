@@ -14,7 +14,7 @@ from typing import Any
 from cantools.database.can import Message
 
 from canroll import documents
-from canroll.errors import CanrollError, UnknownNameError
+from canroll.errors import CanrollError
 from codegen.frame.checksum import Checksum
 from codegen.frame.e2e_profiles import KEYS as OF_PROFILES
 from codegen.frame.e2e_profiles import PROFILES, Header
@@ -153,9 +153,7 @@ def protection(
     profile = _profile(given.pop("profile", None), where)
     if profile == "none":
         return None
-    for key in given:
-        if key not in KEYS[profile]:
-            raise UnknownNameError(f"key of E2E profile {profile} in {where}", key, KEYS[profile])
+    documents.refuse_unknown(given, KEYS[profile], f"key of E2E profile {profile} in {where}")
     length, rest = divmod(number(given, "data_length", 8 * message.length, where), 8)
     if rest or not 1 <= length <= message.length:
         raise CanrollError(

@@ -212,7 +212,5 @@ def _refuse_width(place: Place, width: int, fold: str, where: str) -> None:
 
 def _known(entry: object, name: str, keys: tuple[str, ...], where: str) -> Mapping[str, Any]:
     table = documents.table(entry, f"{where}: {name}")
-    for key in table:
-        if key not in keys:
-            raise UnknownNameError(f"key of {name} in {where}", key, keys)
+    documents.refuse_unknown(table, keys, f"key of {name} in {where}")
     return table

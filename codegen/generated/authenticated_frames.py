@@ -6,6 +6,7 @@ from typing import Any
 
 from cantools.database import Message
 
+from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.frame.frame_protection import Protection
 from codegen.frame.raw_signal import bits_of
@@ -19,9 +20,7 @@ OF_SECOC = {"freshness": (FRESHNESS, PAYLOAD), "authenticator": (AUTHENTICATOR, 
 
 def names_of(table: Mapping[str, Any], map_file: Path) -> dict[int, str]:
     """Return the names of the two signals behind an authenticated frame, by their first byte."""
-    for key in table:
-        if key not in OF_SECOC:
-            raise UnknownNameError(f"key in {map_file} [secoc]", key, OF_SECOC)
+    documents.refuse_unknown(table, OF_SECOC, f"key in {map_file} [secoc]")
     found = {at: table.get(key, name) for key, (name, at) in OF_SECOC.items()}
     for name in found.values():
         if not isinstance(name, str):

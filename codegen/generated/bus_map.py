@@ -19,6 +19,7 @@ from codegen.generated.mailbox import (
     EXTENDED,
     RECEIVED,
     TRANSMITTED,
+    Frames,
     Mailbox,
     received,
     transmitted,
@@ -111,11 +112,12 @@ def load(files: Files, map_file: Path) -> BusMap:
         if key in TABLES:
             documents.table(value, f"{map_file}: {key}")
     secoc = names_of(document["secoc"], map_file) if "secoc" in document else None
+    frames = Frames(description, map_file, secoc)
     try:
         heard = _tables(document, "receive", RECEIVED, map_file)
-        of_messages = [received(description, map_file, s, heard.get(s), secoc) for s in RECEIVED]
+        of_messages = [received(frames, slot, heard.get(slot)) for slot in RECEIVED]
         sent = _tables(document, "transmit", TRANSMITTED, map_file)
-        out = tuple(transmitted(description, map_file, s, sent.get(s), secoc) for s in TRANSMITTED)
+        out = tuple(transmitted(frames, slot, sent.get(slot)) for slot in TRANSMITTED)
     except UnknownNameError as error:
         unread = description.unread(error.name)
         if not unread:
@@ -149,9 +151,7 @@ def _tables(
 ) -> Mapping[str, Any]:
     """The mailboxes of a direction in a map, by name."""
     tables: Mapping[str, Any] = document.get(direction, {})
-    for slot in tables:
-        if slot not in slots:
-            raise UnknownNameError(f"mailbox [{direction}.…] in {map_file}", slot, slots)
+    documents.refuse_unknown(tables, slots, f"mailbox [{direction}.…] in {map_file}")
     return tables
 
 
@@ -203,9 +203,7 @@ def _numbers(
     map_file: Path,
 ) -> dict[str, int]:
     """Return the whole numbers of a table, the first two of them not identifiers in ``taken``."""
-    for key in table:
-        if key not in names:
-            raise UnknownNameError(f"key in {map_file} [{section}]", key, names)
+    documents.refuse_unknown(table, names, f"key in {map_file} [{section}]")
     for key in names:
         value = table.get(key)
         if not isinstance(value, int) or not 0 < value < 1 << 32:

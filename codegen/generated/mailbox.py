@@ -10,7 +10,7 @@ from cantools.database import Message
 
 import dbc
 from canroll import documents
-from canroll.errors import CanrollError, UnknownNameError
+from canroll.errors import CanrollError
 from codegen.frame.frame_protection import Protection, protection
 from codegen.frame.raw_signal import RawSignal, bits_of
 from codegen.generated.authenticated_frames import refuse_unnamed, refuse_unsecured
@@ -112,38 +112,46 @@ class Mailbox:
         return dbc.padded(self.length) if self.fd else self.length
 
 
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """The frames that a map may put into mailboxes.
+
+    Attributes:
+        network: their description.
+        map_file: the map.
+        secoc: names of the signals of authenticated frames, None where they are not.
+    """
+
+    network: Network
+    map_file: Path
+    secoc: Mapping[int, str] | None
+
+
 def received(
-    network: Network,
-    map_file: Path,
-    slot: str,
-    entry: Mapping[str, Any] | list[Any] | None,
-    secoc: Mapping[int, str] | None,
+    frames: Frames, slot: str, entry: Mapping[str, Any] | list[Any] | None
 ) -> tuple[Mailbox, ...]:
     """Return the frames of a received message: the first, empty without an entry, then others.
 
     The first one is that of the message's first signal: its samples are the message's.
 
     Args:
-        network: its description.
-        map_file: the map, for errors.
+        frames: those that it may have.
         slot: name of the message.
         entry: its table in the map, or a list of them, one for each frame.
-        secoc: names of the signals of authenticated frames, None where they are not.
 
     Raises:
         CanrollError: a key is invalid, or frames contradict each other.
     """
-    where = f"{map_file} [receive.{slot}]"
+    where = f"{frames.map_file} [receive.{slot}]"
     if entry is None:
         return (Mailbox(slot),)
-    folder = map_file.parent
     if not isinstance(entry, list):
-        boxes = [_mailbox(network, where, folder, "receive", slot, entry, secoc)]
+        boxes = [_mailbox(frames, where, slot, entry, sent=False)]
     else:
         if not entry:
             raise CanrollError(f"{where}: has no frame")
         boxes = [
-            _mailbox(network, f"{where} {number}", folder, "receive", slot, table, secoc)
+            _mailbox(frames, f"{where} {number}", slot, table, sent=False)
             for number, table in enumerate(entry, start=1)
         ]
     if not any(box.bits for box in boxes):
@@ -182,37 +190,21 @@ def _refuse_contradictions(boxes: Sequence[Mailbox], where: str) -> None:
         )
 
 
-def transmitted(
-    network: Network,
-    map_file: Path,
-    slot: str,
-    table: Mapping[str, Any] | None,
-    secoc: Mapping[int, str] | None,
-) -> Mailbox:
+def transmitted(frames: Frames, slot: str, table: Mapping[str, Any] | None) -> Mailbox:
     """Return the mailbox of a frame that is sent, empty without a table in the map.
 
     Args and errors as of :func:`received`.
     """
     if table is None:
         return Mailbox(slot)
-    where = f"{map_file} [transmit.{slot}]"
-    return _mailbox(network, where, map_file.parent, "transmit", slot, table, secoc)
+    return _mailbox(frames, f"{frames.map_file} [transmit.{slot}]", slot, table, sent=True)
 
 
-def _mailbox(  # noqa: PLR0917
-    network: Network,
-    where: str,
-    folder: Path,
-    direction: str,
-    slot: str,
-    table: object,
-    secoc: Mapping[int, str] | None,
-) -> Mailbox:
+def _mailbox(frames: Frames, where: str, slot: str, table: object, *, sent: bool) -> Mailbox:
+    secoc = frames.secoc
     table = documents.table(table, where)
-    for key in table:
-        if key not in OF_A_MAILBOX:
-            raise UnknownNameError(f"key in {where}", key, OF_A_MAILBOX)
-    message = frame_of(network, table, where)
+    documents.refuse_unknown(table, OF_A_MAILBOX, f"key in {where}")
+    message = frame_of(frames.network, table, where)
     name = message.name
     if secoc is not None:
         refuse_unsecured(message, secoc, where)
@@ -220,18 +212,14 @@ def _mailbox(  # noqa: PLR0917
     mapped = []
     signals = documents.table(table.get("signals", {}), f"{where} signals")
     for signal_name, entry in signals.items():
-        mapped.append(
-            map_signal(
-                signal_name, entry, known, f"{where} {signal_name}", sent=direction == "transmit"
-            )
-        )
+        mapped.append(map_signal(signal_name, entry, known, f"{where} {signal_name}", sent=sent))
     used = {part.name for signal in mapped for part in signal.parts}
     _refuse_namesakes(message, used, where)
-    choice = selector(message, used, where, sent=direction == "transmit")
+    choice = selector(message, used, where, sent=sent)
     chosen = pages(mapped)
     if slot != IN_TURN:
         refuse_several(message, chosen, where)
-    if direction == "transmit":
+    if sent:
         refuse_unset(message, mapped, where)
         refuse_sent_only(mapped, where)
     else:
@@ -242,8 +230,8 @@ def _mailbox(  # noqa: PLR0917
     if choice:
         used.add(choice.name)
     _refuse_like_names(used, where)
-    _refuse_stray_bits(message, used, direction, where)
-    its = protection(message, table.get("protection"), used, where, folder)
+    _refuse_stray_bits(message, used, where, sent=sent)
+    its = protection(message, table.get("protection"), used, where, frames.map_file.parent)
     if secoc is not None:
         refuse_unnamed(its, name, where)
     ident = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
@@ -288,7 +276,7 @@ def _refuse_like_names(used: Collection[str], where: str) -> None:
             )
 
 
-def _refuse_stray_bits(message: Message, used: Collection[str], direction: str, where: str) -> None:
+def _refuse_stray_bits(message: Message, used: Collection[str], where: str, *, sent: bool) -> None:
     """Refuse a signal outside the frame, or one that shares bits in a frame that is sent."""
     taken: dict[tuple[int, int | None], str] = {}
     for signal in message.signals:
@@ -302,5 +290,5 @@ def _refuse_stray_bits(message: Message, used: Collection[str], direction: str, 
                 )
             page = signal.multiplexer_ids[0] if signal.multiplexer_ids else None
             other = taken.setdefault((bit, page), signal.name)
-            if direction == "transmit" and other != signal.name:
+            if sent and other != signal.name:
                 raise CanrollError(f"{where}: {signal.name} and {other} share bit {bit}")

@@ -9,6 +9,7 @@ from typing import Any
 
 from cantools.database import Signal
 
+from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.frame.raw_signal import (
     RawSignal,
@@ -117,9 +118,7 @@ def map_signal(
     table = {"field": entry} if isinstance(entry, str) else entry
     if not isinstance(table, Mapping):
         raise CanrollError(f"{where}: give a field, or a table with one of {', '.join(KEYS)}")
-    for key in table:
-        if key not in KEYS:
-            raise UnknownNameError(f"key in {where}", key, KEYS)
+    documents.refuse_unknown(table, KEYS, f"key in {where}")
     place = _place(table, where)
     to_field = _to_field(table, signal, place, where)
     minus, sign = None, table.get("sign", 1)
