@@ -21,9 +21,10 @@ from hil.cli.options import (
     DEFAULT_SCENARIO,
     choices_of,
 )
-from hil.runs.choices import check as check_choices
-from hil.runs.choices import chosen
-from hil.runs.frozen import options_of, profile_of, stage_of, task_of
+from hil.setup.bus_frames import profile_of
+from hil.setup.choices import check as check_choices
+from hil.setup.choices import chosen
+from hil.setup.controller import options_of, stage_of, task_of
 from hil.studies import equal_effort, variation
 
 LARGEST_EFFORT = 20_000.0

@@ -25,9 +25,10 @@ from hil.cli.design_parsers import OF_AN_EXPORT
 from hil.cli.options import choices_of, chosen_services
 from hil.cli.terminal import show_warnings
 from hil.runs.experiment import build_world, plan
-from hil.runs.frozen import Controller, refuse_wide_steps
 from hil.runs.result import Settings
 from hil.runs.virtual_time import closed_loop
+from hil.setup.bus_frames import refuse_wide_steps
+from hil.setup.controller import Controller
 
 HOSTILE_TICKS = 200
 

@@ -9,7 +9,8 @@ from typing import Any
 
 from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
-from hil.runs.choices import CHOICES, PROJECT_FILE, arguments
+from hil.setup.choices import CHOICES, PROJECT_FILE
+from hil.setup.words import arguments
 
 FILE = "canroll.toml"
 BY_KEY = {choice.word: choice for choice in CHOICES.values()}

@@ -24,9 +24,9 @@ from hil.realtime import session
 from hil.realtime.budget import Budget, budget_of, judge_host, judge_target
 from hil.runs import experiment
 from hil.runs.experiment import build_world, plan
-from hil.runs.frozen import Controller
 from hil.runs.result import Settings
 from hil.runs.virtual_time import closed_loop
+from hil.setup.controller import Controller
 from plant_sim.can_bus.own_frames import most_received
 
 if TYPE_CHECKING:

@@ -17,11 +17,11 @@ from canroll.errors import UNREADABLE, CanrollError, reason
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from hil.runs.experiment import assess
-from hil.runs.frozen import COMMANDS, Controller
 from hil.runs.limit_cycle import LimitCycle
 from hil.runs.result import SAVED, Result, Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import RUN_TIME_NS
+from hil.setup.controller import COMMANDS, Controller
 from plant_sim.world import archive
 from plant_sim.world.spool import Rows, as_columns
 

@@ -17,9 +17,9 @@ from hil.realtime.check.loops import Place, Ticks
 from hil.realtime.process import ECU_PRIORITY, PLANT_PRIORITY, cores
 from hil.realtime.session import choose_cores
 from hil.runs import experiment
-from hil.runs.frozen import Controller
 from hil.runs.result import Settings
 from hil.runs.virtual_time import closed_loop
+from hil.setup.controller import Controller
 
 DURATION = 10.0
 SHARE_OF_LOOPS = 0.75
