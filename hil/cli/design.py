@@ -5,7 +5,7 @@ import json
 from dataclasses import replace
 from math import isfinite
 
-from canroll.errors import CanrollError, reason
+from canroll.errors import CanrollError, writing
 from codegen.export.header import gains_header
 from codegen.generated import own_stage
 from gain_gen.calibration import calibration_file
@@ -73,10 +73,8 @@ def run(args: argparse.Namespace) -> int:
     files = [out / "calibration.toml", out / "canroll_gains.h"]
     calibration_file.save(files[0], record, own_stage.added(tables, stage))
     header = gains_header(record, title=title(answer), physical=physical_notes(record))
-    try:
+    with writing(files[1]):
         files[1].write_text(header, encoding="utf-8")
-    except OSError as error:
-        raise CanrollError(f"cannot write {files[1]}: {reason(error)}") from error
     if args.json:
         print(json.dumps(summary(answer) | {"files": [str(path) for path in files]}))
     else:

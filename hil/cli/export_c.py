@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from canroll.errors import CanrollError, VerdictError, reason
+from canroll.errors import CanrollError, VerdictError, writing
 from codegen.export import a2l, bundle
 from codegen.export.header import gains_header
 from codegen.generated import signals
@@ -76,12 +76,8 @@ def run(args: argparse.Namespace) -> int:
 @contextmanager
 def writing_to(folder: Path) -> Iterator[None]:
     """Report file-system errors in one line."""
-    try:
+    with writing(f"to {folder}", "choose another folder"):
         yield
-    except OSError as error:
-        raise CanrollError(
-            f"cannot write to {folder}: {reason(error)}: choose another folder"
-        ) from error
 
 
 def refuse_unwritable(folder: Path) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 import vehicles
 from canroll import documents
-from canroll.errors import UNREADABLE, CanrollError, reason
+from canroll.errors import UNREADABLE, CanrollError, reason, writing
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from hil.runs.experiment import assess
@@ -59,10 +59,8 @@ def save_traces(path: Path, result: Result) -> Path:
             entries[f"{run}/{name}"] = value if isinstance(value, Rows) else np.asarray(value)
         if trace.refused is not None:
             entries[f"{run}/refused"] = np.array(trace.refused)
-    try:
+    with writing(path):
         archive.write(path, entries, compressed=True)
-    except OSError as error:
-        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
     return path
 
 
