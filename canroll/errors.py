@@ -2,9 +2,11 @@
 
 import struct
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
 from importlib import import_module
+from pathlib import Path
 from tokenize import TokenError
 from typing import Any
 from zipfile import BadZipFile
@@ -89,6 +91,35 @@ class MissingExtraError(CanrollError):
         *others, last = EXTRAS[extra]
         packages = f"{', '.join(others)} and {last}" if others else last
         super().__init__(f"{what} needs {packages}: pip install 'canroll[{extra}]'")
+
+
+@contextmanager
+def writing(place: Path | str, remedy: str = "") -> Iterator[None]:
+    """Say in one line what cannot be written, why, and what to do.
+
+    Raises:
+        CanrollError: the system refuses to write.
+    """
+    try:
+        yield
+    except OSError as error:
+        hint = f": {remedy}" if remedy else ""
+        raise CanrollError(f"cannot write {place}: {reason(error)}{hint}") from error
+
+
+@contextmanager
+def reading(place: Path | str) -> Iterator[None]:
+    """Say in one line what cannot be read, and why.
+
+    Raises:
+        CanrollError: the file is missing, truncated, damaged or of another kind.
+    """
+    try:
+        yield
+    except CanrollError:
+        raise
+    except UNREADABLE as error:
+        raise CanrollError(f"cannot read {place}: {reason(error)}") from error
 
 
 def optional(module: str, what: str, extra: str) -> Any:  # noqa: ANN401

@@ -27,7 +27,7 @@ from gain_gen.design import design
 from gain_gen.laws import LAWS
 from gain_gen.models.task import Delay, Solution, Task
 from hil.runs import experiment
-from hil.runs.frozen import COMMANDS
+from hil.setup.controller import COMMANDS
 from plant_sim import can_bus
 from plant_sim.bodies import BODIES, ports
 from plant_sim.bodies.ports import Body, initial_inputs

@@ -29,11 +29,11 @@ from hil.realtime.children import Program
 from hil.realtime.lockstep import ACKNOWLEDGEMENT, GRANT, LOST, GrantedEcu, InBand
 from hil.realtime.process import Stop
 from hil.realtime.tick_trace import TickTrace
-from hil.runs import choices
 from hil.runs.experiment import tick_offset_ns, world_options
-from hil.runs.frozen import Controller
 from hil.runs.result import Settings
 from hil.runs.trace import Trace
+from hil.setup import words
+from hil.setup.controller import Controller
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
 from plant_sim.nodes import codec
 from plant_sim.nodes.codec import MAX_PAYLOAD
@@ -70,7 +70,7 @@ class EcuProcess:
         self._arguments = [
             *("ecu", "--calibration", str(gains), "--backend", settings.backend),
             *("--pace", "lockstep", "--trace", str(self._trace), *options),
-            *choices.arguments(frames),
+            *words.arguments(frames),
         ]
         if settings.firmware.bus.secured:
             memory = folder / "memory.json"

@@ -20,13 +20,13 @@ from hil.attacks.kinds import NONE, START_NS, Attack, attacks
 from hil.cases.execution import IN_TURN, Cases
 from hil.cases.identity import identity
 from hil.reaction import reaction
-from hil.runs.choices import PASSIVE
 from hil.runs.experiment import drive, plan, tick_offset_ns, world_options
-from hil.runs.frozen import Controller
 from hil.runs.metrics import peak
 from hil.runs.result import Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import closed_loop
+from hil.setup.choices import PASSIVE
+from hil.setup.controller import Controller
 from plant_sim.nodes import codec, e2e
 from plant_sim.nodes.codec import Codec
 from plant_sim.world.world_kernel import row_of
@@ -191,7 +191,7 @@ def run(
     cases: Cases = IN_TURN,
     **choices: Any,  # noqa: ANN401
 ) -> Suite:
-    """Drive every attack on the loop of ``choices`` (:class:`hil.runs.choices.Choices`).
+    """Drive every attack on the loop of ``choices`` (:class:`hil.setup.choices.Choices`).
 
     ``named``: attacks whose name contains this. ``under`` drives them, by default in virtual time.
 

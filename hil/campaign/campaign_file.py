@@ -21,8 +21,8 @@ from hil.campaign.space import (
     Space,
     check_correlations,
 )
-from hil.runs.choices import CHOICES, PASSIVE
 from hil.runs.experiment import plan as plan_run
+from hil.setup.choices import CHOICES, PASSIVE
 from hil.studies.variation import CONDITIONS
 from plant_sim.bodies import own_body
 from plant_sim.driving import MANEUVERS
@@ -47,7 +47,7 @@ class Request:
 
     Attributes:
         scenario: nominal manoeuvre.
-        choices: of the nominal run, see :class:`hil.runs.choices.Choices`.
+        choices: of the nominal run, see :class:`hil.setup.choices.Choices`.
         draw: distribution of each quantity, by name.
         places: where each quantity is written, for messages.
         correlations: of the quantities.

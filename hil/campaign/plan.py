@@ -14,9 +14,9 @@ from hil.campaign import quantities
 from hil.campaign.quantities import FAULTS
 from hil.campaign.space import Sampling, Space
 from hil.cases.identity import fingerprint, identity
-from hil.runs.frozen import Controller
 from hil.runs.metrics import METRICS, harm, helps
 from hil.runs.result import Settings
+from hil.setup.controller import Controller
 from hil.studies.figures import figures
 
 HELPS, STAYS_HARMLESS = "helps", "harmless"

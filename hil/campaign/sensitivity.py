@@ -14,7 +14,7 @@ from gain_gen.calibration.dequantise import dequantise
 from gain_gen.models.task import Task
 from hil.campaign.plan import GOOD, Columns, Plan
 from hil.campaign.summary import Summary, count_of, reduction, taken
-from hil.runs.frozen import sample_to_force
+from hil.setup.delay import sample_to_force
 from plant_sim.can_bus import load_profile
 
 BINS = 20

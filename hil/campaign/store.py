@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from canroll import documents
-from canroll.errors import CanrollError, optional, reason
+from canroll.errors import CanrollError, optional, reason, writing
 from hil.campaign.plan import Columns
 from hil.cases.store import Store, placed
 
@@ -126,7 +126,7 @@ def opened(folder: Path, digest: str, description: dict[str, Any], *, resume: bo
     store = Chunks(folder, digest)
     plan = folder / PLAN
     kept = _kept(plan)
-    try:
+    with writing(f"to {folder}", "choose another --out"):
         folder.mkdir(parents=True, exist_ok=True)
         if kept is not None and not resume:
             for path in (*folder.glob("*.parquet"), *folder.glob(".*.part")):
@@ -138,10 +138,6 @@ def opened(folder: Path, digest: str, description: dict[str, Any], *, resume: bo
             with placed(plan) as part:
                 text = json.dumps({"digest": digest, **description}, indent=2, default=str)
                 part.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise CanrollError(
-            f"cannot write to {folder}: {reason(error)}: choose another --out"
-        ) from error
     if kept is not None and kept.get("digest") != digest:
         other = {"digest": digest, **json.loads(json.dumps(description, default=str))}
         differs = [

@@ -14,10 +14,11 @@ from hil.campaign.space import RANDOM
 from hil.campaign.store import Chunks, chunk_name, opened, table_of
 from hil.campaign.summary import REDUCTION, Summary, count_of, joined, plain, reduction
 from hil.cases.engine import LOCAL, Task, engine, results
-from hil.runs.choices import CHOICES, check, several
 from hil.runs.conditions import fault_texts
 from hil.runs.experiment import simulate
 from hil.runs.result import Result
+from hil.setup.choice import several
+from hil.setup.choices import CHOICES, check
 from hil.studies.variation import spread_from
 
 Watch = Callable[[Summary, int], None]

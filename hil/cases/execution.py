@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-from canroll.errors import CanrollError, reason
+from canroll.errors import CanrollError, writing
 from canroll.typing import Progress
 from hil.cases.engine import HERE, LOCAL, Engine, engine, results
 from hil.cases.identity import fingerprint
@@ -119,12 +119,8 @@ class Cases:
         store: Rows[T] | None = None
         if self.digest and self.execution.folder is not None:
             folder = self.execution.folder / self.digest[:16]
-            try:
+            with writing(f"to {folder}", "choose another --out"):
                 folder.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise CanrollError(
-                    f"cannot write to {folder}: {reason(error)}: choose another --out"
-                ) from error
             store = Rows(folder, self.digest, get_type_hints(work)["return"])
         tasks = (
             (f"{work.__name__}-{number:06d}", work, each) for number, each in enumerate(arguments)

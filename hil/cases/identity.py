@@ -9,8 +9,8 @@ from typing import Any
 
 from codegen.run.memory_image import image
 from dbc.reader import each
-from hil.runs.frozen import Controller
 from hil.runs.result import Settings
+from hil.setup.controller import Controller
 from plant_sim.can_bus import load_profile
 
 

@@ -17,7 +17,7 @@ from hil.network.show import parts
 from hil.network.sources import BusNetwork, Replay, TrafficSet
 from hil.realtime.hardware.interfaces import is_loopback
 from hil.report.console import Console
-from hil.runs.choices import CHOICES, check
+from hil.setup.choices import CHOICES, check
 from plant_sim.buses import BUSES
 from plant_sim.can_bus.analysis import ErrorModel
 from plant_sim.can_bus.kernel.network import build_network

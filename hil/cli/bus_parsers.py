@@ -21,7 +21,7 @@ from hil.cli.options import (
 from hil.cli.parser import Parser, Relations
 from hil.network import COMMANDS, SENSOR
 from hil.realtime.bus_link import add_bus_arguments
-from hil.runs.choices import CHOICES
+from hil.setup.choices import CHOICES
 from plant_sim.can_bus.servers.shared_server import DEFAULT_PORT as SHARED_PORT
 from plant_sim.can_bus.servers.socketcand import DEFAULT_PORT
 

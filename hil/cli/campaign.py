@@ -19,8 +19,8 @@ from hil.cli.study_parsers import DEFAULT_DRAWS
 from hil.report.run_folder import write_page
 from hil.report.staging import page_folder, usable_folder
 from hil.runs import conditions, experiment
-from hil.runs.choices import CHOICES
 from hil.runs.metrics import BY_KEY
+from hil.setup.choices import CHOICES
 from hil.studies import variation
 
 CHUNKS = "campaign"

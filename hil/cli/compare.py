@@ -11,7 +11,7 @@ from hil.cli.cases import driven
 from hil.cli.options import DEFAULT_SCENARIO, VEHICLE_SET, choices_of, folder_of
 from hil.report.run_folder import write_page
 from hil.report.staging import page_folder
-from hil.runs.choices import CHOICES
+from hil.setup.choices import CHOICES
 from hil.studies import comparison
 from hil.studies.comparison_page import (
     apart,

@@ -9,7 +9,7 @@ from canroll.errors import optional
 from hil.cli.commands import COMMANDS, parser_of
 from hil.cli.main import REGISTRIES, TASKS
 from hil.cli.options import path_named
-from hil.runs.choices import CHOICES
+from hil.setup.choices import CHOICES
 
 
 def run(args: argparse.Namespace) -> int:

@@ -5,7 +5,7 @@ import json
 from dataclasses import replace
 from math import isfinite
 
-from canroll.errors import CanrollError, reason
+from canroll.errors import CanrollError, writing
 from codegen.export.header import gains_header
 from codegen.generated import own_stage
 from gain_gen.calibration import calibration_file
@@ -21,9 +21,10 @@ from hil.cli.options import (
     DEFAULT_SCENARIO,
     choices_of,
 )
-from hil.runs.choices import check as check_choices
-from hil.runs.choices import chosen
-from hil.runs.frozen import options_of, profile_of, stage_of, task_of
+from hil.setup.bus_frames import profile_of
+from hil.setup.choices import check as check_choices
+from hil.setup.choices import chosen
+from hil.setup.controller import options_of, stage_of, task_of
 from hil.studies import equal_effort, variation
 
 LARGEST_EFFORT = 20_000.0
@@ -72,10 +73,8 @@ def run(args: argparse.Namespace) -> int:
     files = [out / "calibration.toml", out / "canroll_gains.h"]
     calibration_file.save(files[0], record, own_stage.added(tables, stage))
     header = gains_header(record, title=title(answer), physical=physical_notes(record))
-    try:
+    with writing(files[1]):
         files[1].write_text(header, encoding="utf-8")
-    except OSError as error:
-        raise CanrollError(f"cannot write {files[1]}: {reason(error)}") from error
     if args.json:
         print(json.dumps(summary(answer) | {"files": [str(path) for path in files]}))
     else:

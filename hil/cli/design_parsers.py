@@ -17,7 +17,7 @@ from hil.cli.options import (
     scenario,
 )
 from hil.cli.parser import Parser, Relations
-from hil.runs.choices import CHOICES
+from hil.setup.choices import CHOICES
 
 DEFAULT_DELAY_MS = 20.0
 OF_A_DESIGN = (

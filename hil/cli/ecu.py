@@ -36,8 +36,10 @@ from hil.realtime.plant_loop import sent_by, sent_to
 from hil.report.run_folder import write_page
 from hil.report.staging import page_folder
 from hil.runs import phase
-from hil.runs.choices import several
-from hil.runs.frozen import firmware_of, profile_of, refuse_useless_key, secret_of, stage_of
+from hil.setup.bus_frames import firmware_of, profile_of
+from hil.setup.choice import several
+from hil.setup.controller import stage_of
+from hil.setup.keys import refuse_useless_key, secret_of
 from hil.studies import recorded_drive
 from hil.studies.recorded_drive_page import drive_page, reception_table
 from plant_sim.buses import LOGS

@@ -9,13 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from canroll.errors import CanrollError, VerdictError, reason
+from canroll.errors import CanrollError, VerdictError, writing
 from codegen.export import a2l, bundle
 from codegen.export.header import gains_header
 from codegen.generated import signals
 from codegen.generated.bus_map import load as load_map
 from codegen.run import LASTING, ecu_traffic, memory_image
-from codegen.run.backends import Recorder, open_backend
 from codegen.run.ecu_traffic import Traffic
 from dbc.reader import paths_of
 from gain_gen.calibration import calibration_file
@@ -24,12 +23,15 @@ from gain_gen.calibration.record import identify
 from hil.cli.design_parsers import OF_AN_EXPORT
 from hil.cli.options import choices_of, chosen_services
 from hil.cli.terminal import show_warnings
-from hil.runs.experiment import build_world, plan
-from hil.runs.frozen import Controller, refuse_wide_steps
+from hil.runs.experiment import plan
 from hil.runs.result import Settings
-from hil.runs.virtual_time import closed_loop
+from hil.runs.traffic import record_traffic
+from hil.setup.bus_frames import refuse_wide_steps
+from hil.setup.controller import Controller
 
 HOSTILE_TICKS = 200
+RECORDED_S = 3.0
+"""Length of the recorded run."""
 
 
 def run(args: argparse.Namespace) -> int:
@@ -75,12 +77,8 @@ def run(args: argparse.Namespace) -> int:
 @contextmanager
 def writing_to(folder: Path) -> Iterator[None]:
     """Report file-system errors in one line."""
-    try:
+    with writing(f"to {folder}", "choose another folder"):
         yield
-    except OSError as error:
-        raise CanrollError(
-            f"cannot write to {folder}: {reason(error)}: choose another folder"
-        ) from error
 
 
 def refuse_unwritable(folder: Path) -> None:
@@ -114,7 +112,7 @@ def described(
             "counters and lengths."
         )
     else:
-        run_in = recorded(settings, controller)
+        run_in = record_traffic(settings, controller, RECORDED_S)
         hostile = ecu_traffic.random_traffic(1, HOSTILE_TICKS, bus=settings.firmware.bus)
         traffic = joined(run_in, hostile)
         origin = (
@@ -143,20 +141,6 @@ def services_of(args: argparse.Namespace) -> tuple[str, ...]:
     if args.nvm:
         services += LASTING if args.uds else LASTING[:1]
     return services
-
-
-def recorded(settings: Settings, controller: Controller) -> Traffic:
-    """Frames received by the ECU in a short run."""
-    firmware = settings.firmware
-    recorder = Recorder(open_backend(settings.backend, controller.record, firmware), firmware)
-    closed_loop(
-        build_world(settings, enabled=True),
-        recorder,
-        tick_ns=round(settings.tick * 1e9),
-        duration_ns=3_000_000_000,
-        progress=None,
-    )
-    return recorder.traffic
 
 
 def joined(first: Traffic, second: Traffic) -> Traffic:

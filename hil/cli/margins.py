@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import vehicles
-from canroll.errors import CanrollError, reason
+from canroll.errors import writing
 from gain_gen.analysis.family import FamilyMargins
 from gain_gen.analysis.margins import Margins
 from gain_gen.calibration import calibration_file
@@ -130,11 +130,9 @@ def draw(report: MarginReport, path: Path) -> None:
     gain.set_xlabel("factor on the gain")
     delay.set_title("over delay (red: unstable)")
     gain.set_title("over gain (red: unstable)")
-    try:
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=110)
-    except OSError as error:
-        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
 
 
 def _curve(axes: "Axes", at: list[float], points: Sequence[Point]) -> None:

@@ -12,7 +12,8 @@ import vehicles
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.run import SERVICES
 from hil.cli.parser import Parser, Relations
-from hil.runs.choices import CHOICES, Choice, chosen, one_or_several, several
+from hil.setup.choice import Choice, one_or_several, several
+from hil.setup.choices import CHOICES, chosen
 from plant_sim.driving import MANEUVERS
 
 DEFAULT_OUT = Path("out")

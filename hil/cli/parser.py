@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
 from canroll.errors import CanrollError
-from hil.runs.choices import CHOICES
+from hil.setup.choices import CHOICES
 
 RARE = frozenset(choice.name for choice in CHOICES.values() if choice.rare)
 

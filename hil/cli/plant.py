@@ -15,8 +15,9 @@ from hil.realtime.hardware.interfaces import is_loopback
 from hil.realtime.plant_loop import Outcome
 from hil.report.staging import check_parent
 from hil.runs import conditions, logs, phase
-from hil.runs.choices import chosen
-from hil.runs.frozen import firmware_of, profile_of, secret_of
+from hil.setup.bus_frames import firmware_of, profile_of
+from hil.setup.choices import chosen
+from hil.setup.keys import secret_of
 from plant_sim.driving import maneuvers
 from plant_sim.faults import parse_all
 from plant_sim.world.fault_parts import outages

@@ -8,8 +8,9 @@ from shlex import join
 from typing import Any
 
 from canroll import documents
-from canroll.errors import CanrollError, UnknownNameError, reason
-from hil.runs.choices import CHOICES, PROJECT_FILE, arguments
+from canroll.errors import CanrollError, UnknownNameError, reading
+from hil.setup.choices import CHOICES, PROJECT_FILE
+from hil.setup.words import arguments
 
 FILE = "canroll.toml"
 BY_KEY = {choice.word: choice for choice in CHOICES.values()}
@@ -48,10 +49,8 @@ def words(options: Collection[str], given: Sequence[str]) -> list[str]:
 
 def _read(path: Path) -> dict[str, Any]:
     """Return the choices of the file by name."""
-    try:
+    with reading(path):
         table: Mapping[str, Any] = documents.toml(path)
-    except (OSError, ValueError) as error:
-        raise CanrollError(f"cannot read {path}: {reason(error)}") from error
     values: dict[str, Any] = {}
     for key, value in table.items():
         if key not in BY_KEY:

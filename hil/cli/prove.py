@@ -18,7 +18,7 @@ from firmware.calibration import Calibration
 from firmware.check import check
 from gain_gen.calibration import calibration_file
 from hil.cli.options import choices_of
-from hil.runs.frozen import stage_of
+from hil.setup.controller import stage_of
 
 
 def run(args: argparse.Namespace) -> int:

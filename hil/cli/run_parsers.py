@@ -17,7 +17,7 @@ from hil.cli.options import (
     scenario,
 )
 from hil.cli.parser import Parser
-from hil.runs.choices import CHOICES
+from hil.setup.choices import CHOICES
 
 DEFAULT_SPEEDS = "60:120:20"
 LOADS = ("laden", "empty")

@@ -14,7 +14,7 @@ from hil.cli.options import (
     path_named,
 )
 from hil.cli.parser import Parser
-from hil.runs.choices import OF_ONE_MANOEUVRE
+from hil.setup.choices import OF_ONE_MANOEUVRE
 
 DEFAULT_DRAWS = 100
 EVENT_NAMES = (

@@ -5,13 +5,11 @@ import importlib.util
 import json
 import tempfile
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canroll.errors import CanrollError, MissingExtraError
 from codegen.run import cortex, qemu, secured, unicorn
-from codegen.run.backends import Recorder, open_backend
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.cortex import Run
 from codegen.run.ecu_traffic import Traffic
@@ -23,10 +21,10 @@ from hil.cli.terminal import progress, show_timing
 from hil.realtime import session
 from hil.realtime.budget import Budget, budget_of, judge_host, judge_target
 from hil.runs import experiment
-from hil.runs.experiment import build_world, plan
-from hil.runs.frozen import Controller
+from hil.runs.experiment import plan
 from hil.runs.result import Settings
-from hil.runs.virtual_time import closed_loop
+from hil.runs.traffic import record_traffic
+from hil.setup.controller import Controller
 from plant_sim.can_bus.own_frames import most_received
 
 if TYPE_CHECKING:
@@ -181,17 +179,7 @@ def show_rows(rows: Mapping[str, object]) -> None:
 def recorded(args: argparse.Namespace) -> tuple[Settings, Controller, Traffic]:
     """Drive the manoeuvre in virtual time; return what was run and what the ECU received."""
     settings, controller = plan(args.scenario, **choices_of(args))
-    firmware = settings.firmware
-    ecu = open_backend(settings.backend, controller.record, firmware, key=settings.secret)
-    recorder = Recorder(ecu, firmware)
-    closed_loop(
-        build_world(replace(settings), enabled=True),
-        recorder,
-        tick_ns=round(settings.tick * 1e9),
-        duration_ns=round(args.duration * 1e9),
-        progress=None,
-    )
-    return settings, controller, recorder.traffic
+    return settings, controller, record_traffic(settings, controller, args.duration)
 
 
 def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:

@@ -18,9 +18,9 @@ from hil.report.page import Table
 from hil.report.run_folder import write_page
 from hil.report.staging import page_folder
 from hil.runs import experiment
-from hil.runs.choices import PASSIVE, chosen
-from hil.runs.frozen import Controller
 from hil.runs.result import Settings
+from hil.setup.choices import PASSIVE, chosen
+from hil.setup.controller import Controller
 from hil.studies import severe as severe_manoeuvres
 from hil.studies.linear_response import linear_response, to_json
 from hil.studies.linear_response_view import draw, lines

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from canroll.errors import CanrollError, reason
+from canroll.errors import writing
 from codegen.fmu import archive
 from codegen.fmu.variables import FLOAT64, INPUT, OUTPUT, Interface, Variable
 from codegen.kernels import image
@@ -115,8 +115,6 @@ def _write_map(path: Path) -> Path:
         "outputs": {name: name for name in OUTPUTS},
     }
     found = path.with_suffix(".toml")
-    try:
+    with writing(found, "choose another name"):
         found.write_text(tomli_w.dumps(table), encoding="utf-8")
-    except OSError as error:
-        raise CanrollError(f"cannot write {found}: {reason(error)}: choose another name") from error
     return found

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.errors import CanrollError, MissingExtraError, optional, reason
+from canroll.errors import CanrollError, MissingExtraError, optional, writing
 from hil.exchange import mcap_file
 from plant_sim.world.recording import unit
 from plant_sim.world.spool import Table, pieces
@@ -65,7 +65,7 @@ def write_signals(
     """
     path = check_suffix(Path(path))
     about = about or About()
-    try:
+    with writing(path):
         match path.suffix.lower():
             case ".mf4":
                 _write_mf4(path, signals, about)
@@ -77,8 +77,6 @@ def write_signals(
                 mcap_file.write(path, contents)
             case _:
                 _write_csv(path, signals)
-    except OSError as error:
-        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
     return path
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import IO
 
 from canroll.errors import CanrollError, VerdictError
-from hil.runs.choices import PROJECT_FILE
+from hil.setup.choices import PROJECT_FILE
 
 START = 1800.0
 """Time a child may take to be ready, s: a plant that was never run compiles first, and a machine

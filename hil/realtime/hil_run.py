@@ -10,10 +10,10 @@ import numpy as np
 from canroll.errors import CanrollError
 from hil.realtime import own_bus, session
 from hil.runs import experiment, steering_replay
-from hil.runs.choices import PASSIVE
 from hil.runs.experiment import with_files
 from hil.runs.result import Result
 from hil.runs.trace import Trace
+from hil.setup.choices import PASSIVE
 from plant_sim.world.spool import Rows, blocks
 
 __all__ = ["run", "with_files"]

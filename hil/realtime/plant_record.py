@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll import documents
-from canroll.errors import UNREADABLE, CanrollError, reason
+from canroll.errors import reading, writing
 from hil.realtime.hardware.bus_record import ENTRY
 from hil.realtime.plant_loop import Outcome
 from plant_sim.world import archive
@@ -48,7 +48,7 @@ def save(
         CanrollError: the file cannot be written.
     """
     signals = world.signals
-    try:
+    with writing(path):
         archive.write(
             path,
             {
@@ -63,8 +63,6 @@ def save(
             },
             compressed=False,
         )
-    except OSError as error:
-        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
 
 
 def load(path: Path) -> PlantRecord:
@@ -73,17 +71,14 @@ def load(path: Path) -> PlantRecord:
     Raises:
         CanrollError: it cannot be read.
     """
-    try:
-        with archive.Archive(path) as stored:
-            names = [str(name) for name in stored.array("names")]
-            return PlantRecord(
-                signals=stored.signals("signals", names),
-                frames=stored.rows("frames"),
-                ages=stored.array("ages"),
-                commands=stored.array("commands"),
-                loop=stored.array("loop"),
-                about=documents.parse_json(str(stored.array("about"))),
-                bus=stored.array("bus"),
-            )
-    except UNREADABLE as error:
-        raise CanrollError(f"cannot read {path}: {reason(error)}") from error
+    with reading(path), archive.Archive(path) as stored:
+        names = [str(name) for name in stored.array("names")]
+        return PlantRecord(
+            signals=stored.signals("signals", names),
+            frames=stored.rows("frames"),
+            ages=stored.array("ages"),
+            commands=stored.array("commands"),
+            loop=stored.array("loop"),
+            about=documents.parse_json(str(stored.array("about"))),
+            bus=stored.array("bus"),
+        )

@@ -16,12 +16,13 @@ from hil.realtime import plant_record, process, tick_trace, timing
 from hil.realtime.children import Program
 from hil.realtime.plant_record import PlantRecord
 from hil.realtime.tick_trace import TickTrace
-from hil.runs import choices, experiment, validity
-from hil.runs.choices import CHOICES
-from hil.runs.frozen import Controller
+from hil.runs import experiment, validity
 from hil.runs.result import Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import Interrupted
+from hil.setup import words
+from hil.setup.choices import CHOICES
+from hil.setup.controller import Controller
 from vehicles import plausible
 
 VEHICLE = "plant_vehicle.toml"
@@ -89,7 +90,7 @@ def drive(
         arguments = ["ecu", "--calibration", str(gains), "--backend", settings.backend]
         arguments += ["--trace", str(ticks), *_core(setup, 1), *bus, *_pace(setup), *grants]
         frames = ("bus", "dbc", "map", "key")
-        arguments += choices.arguments({name: getattr(settings, name) for name in frames})
+        arguments += words.arguments({name: getattr(settings, name) for name in frames})
         if setup.pace == "realtime":
             arguments += _phase(settings)
         ecu = programs.start(children, "ECU", arguments)
@@ -131,13 +132,13 @@ def plant_arguments(settings: Settings, setup: Setup, *, enabled: bool) -> list[
     arguments += ["--command", settings.command, "--record", str(setup.folder / "plant.npz")]
     asked = settings.choices() | {"vehicle": str(setup.folder / VEHICLE)}
     world = {name: value for name, value in asked.items() if CHOICES[name].of == "world"}
-    arguments += choices.arguments(world | {"duration": setup.duration})
+    arguments += words.arguments(world | {"duration": setup.duration})
     if not enabled:
         arguments.append("--passive")
     if setup.side_channel is not None:
         arguments += ["--side-channel", setup.side_channel]
     if setup.pace == "lockstep" and settings.phase is not None:
-        arguments += choices.arguments({"phase_ms": 1e3 * settings.phase})
+        arguments += words.arguments({"phase_ms": 1e3 * settings.phase})
     return arguments + _core(setup, 0)
 
 
@@ -153,7 +154,7 @@ def _grants(plant: Program) -> list[str]:
 def _phase(settings: Settings) -> list[str]:
     """Return the ECU's option for the phase of virtual time, "free" for a tick without one."""
     try:
-        return choices.arguments({"phase_ms": experiment.tick_phase_ns(settings) / 1e6})
+        return words.arguments({"phase_ms": experiment.tick_phase_ns(settings) / 1e6})
     except CanrollError:
         return [CHOICES["phase_ms"].option, "free"]
 

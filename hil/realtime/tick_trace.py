@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll import documents
-from canroll.errors import UNREADABLE, CanrollError, reason
+from canroll.errors import UNREADABLE, CanrollError, reason, writing
 from codegen.run.backends import Backend
 from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.secured import NEW, Lasting
@@ -158,7 +158,7 @@ def save(path: Path, trace: TickTrace) -> None:
         CanrollError: the file cannot be written.
     """
     integers = {field.name: getattr(trace.calibration, field.name) for field in fields(Calibration)}
-    try:
+    with writing(path):
         archive.write(
             path,
             {
@@ -170,8 +170,6 @@ def save(path: Path, trace: TickTrace) -> None:
             },
             compressed=True,
         )
-    except OSError as error:
-        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
 
 
 def load(path: Path) -> TickTrace:

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from canroll.arguments import checked
-from canroll.errors import CanrollError, reason
+from canroll.errors import writing
 from hil.report.curves import MOMENT, signal, transfer
 from hil.report.run_page import shown
 from hil.runs.metrics import has_wheel_loads
@@ -49,9 +49,7 @@ def draw_picture(result: Result, path: Path) -> Path:
         CanrollError: the file cannot be written.
     """
     figure = plot(result)
-    try:
+    with writing(path):
         # without metadata the same run gives the same bytes
         figure.savefig(path, dpi=120, metadata={"Software": None})
-    except OSError as error:
-        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
     return path

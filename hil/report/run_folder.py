@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from canroll.errors import CanrollError, reason
+from canroll.errors import writing
 from codegen.export.header import gains_header
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import physical_notes
@@ -24,10 +24,8 @@ def write_text(path: Path, text: str) -> Path:
     Raises:
         CanrollError: it cannot be written.
     """
-    try:
+    with writing(path):
         path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
     return path
 
 

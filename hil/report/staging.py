@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from canroll.errors import CanrollError, reason
+from canroll.errors import CanrollError, writing
 
 PART = ".canroll-part-"
 
@@ -25,14 +25,10 @@ def usable_folder(folder: Path) -> Path:
         CanrollError: it cannot be made or written to.
     """
     probe = folder / ".canroll"
-    try:
+    with writing(f"to {folder}", "choose another --out"):
         folder.mkdir(parents=True, exist_ok=True)
         probe.touch()
         probe.unlink()
-    except OSError as error:
-        raise CanrollError(
-            f"cannot write to {folder}: {reason(error)}: choose another --out"
-        ) from error
     return folder
 
 
@@ -53,12 +49,10 @@ def check_parent(path: Path, *, out: Path | None = None) -> Path:
         raise CanrollError(f"cannot write {path}: it is a folder")
     if path.parent.is_dir():
         known = path.exists()
-        try:
+        with writing(path):
             path.open("ab").close()
             if not known:
                 path.unlink()
-        except OSError as error:
-            raise CanrollError(f"cannot write {path}: {reason(error)}") from error
     return path
 
 
@@ -73,15 +67,16 @@ def replaced(folder: Path, key: str) -> Iterator[Path]:
     Raises:
         CanrollError: another process writes to it, or it cannot be written.
     """
-    try:
-        with _locked(folder), tempfile.TemporaryDirectory(prefix=PART, dir=folder) as part:
-            yield Path(part)
-            (folder / key).unlink(missing_ok=True)
-            names = {path.name for path in Path(part).iterdir()}
-            for name in (*sorted(names - {key}), key):
-                os.replace(Path(part) / name, folder / name)
-    except OSError as error:
-        raise CanrollError(f"cannot write to {folder}: {reason(error)}") from error
+    with (
+        writing(f"to {folder}"),
+        _locked(folder),
+        tempfile.TemporaryDirectory(prefix=PART, dir=folder) as part,
+    ):
+        yield Path(part)
+        (folder / key).unlink(missing_ok=True)
+        names = {path.name for path in Path(part).iterdir()}
+        for name in (*sorted(names - {key}), key):
+            os.replace(Path(part) / name, folder / name)
 
 
 @contextmanager

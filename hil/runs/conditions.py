@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
-from hil.runs.choices import several
+from hil.setup.choice import several
 from plant_sim.faults import parse_all, read_file
 from plant_sim.nodes import sensors as sensor_setup
 from plant_sim.nodes.actuators import ActuatorOptions

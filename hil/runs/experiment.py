@@ -18,21 +18,16 @@ from gain_gen.models.task import Delay
 from hil.reaction import reaction
 from hil.runs import conditions as conditions_of
 from hil.runs import limit_cycle, metrics, phase, standard, steering_replay
-from hil.runs.choices import PASSIVE, Choices, as_text, check, chosen, one_or_several
-from hil.runs.frozen import (
-    COMMAND_TIMEOUT,
-    Controller,
-    check_frames,
-    names_of,
-    prepare,
-    profile_of,
-    refuse_useless_key,
-    sample_to_force,
-)
 from hil.runs.limit_cycle import LimitCycle
 from hil.runs.result import Result, Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import RUN_TIME_NS, closed_loop
+from hil.setup.bus_frames import check_frames, names_of, profile_of
+from hil.setup.choice import as_text, one_or_several
+from hil.setup.choices import PASSIVE, Choices, check, chosen
+from hil.setup.controller import COMMAND_TIMEOUT, Controller, prepare
+from hil.setup.delay import sample_to_force
+from hil.setup.keys import refuse_useless_key
 from plant_sim.bodies import body
 from plant_sim.driving import MANEUVERS, maneuvers
 from plant_sim.faults import parse_all
@@ -52,7 +47,7 @@ def run(scenario: str, *, progress: Progress | None = None, **choices: Unpack[Ch
     Args:
         scenario: name of the manoeuvre, such as "double_lane_change" or "roundabout".
         progress: called with "passive", "controlled" or "replay" and the fraction done.
-        choices: vehicle, law, bus, seed, … : see :class:`hil.runs.choices.Choices`.
+        choices: vehicle, law, bus, seed, … : see :class:`hil.setup.choices.Choices`.
 
     Raises:
         CanrollError: an invalid name, number or file; the message names the remedy.

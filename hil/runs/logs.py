@@ -10,7 +10,7 @@ import can
 import numpy as np
 from can.io import mf4
 
-from canroll.errors import CanrollError, MissingExtraError, reason
+from canroll.errors import CanrollError, MissingExtraError, writing
 from hil.runs import mdf
 from plant_sim.can_bus import DELIVERED, ECU, REFUSED
 from plant_sim.can_bus.kernel.layout import ERROR
@@ -104,11 +104,8 @@ def write_log(path: Path, frames: Table) -> Path:
             are of several segments.
     """
     check_suffix(path)
-    try:
-        with _logger(path) as logger:
-            _start_at_zero(logger)
-            for message in messages(frames):
-                logger.on_message_received(message)
-    except OSError as error:
-        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
+    with writing(path), _logger(path) as logger:
+        _start_at_zero(logger)
+        for message in messages(frames):
+            logger.on_message_received(message)
     return path

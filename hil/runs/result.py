@@ -13,13 +13,15 @@ from dbc.reader import file_names, paths_of
 from firmware.calibration import Calibration
 from gain_gen.models.task import Delay
 from hil.reaction.reaction import Reaction
-from hil.runs.choices import CHOICES, one_or_several
-from hil.runs.frozen import firmware_of, secret_of
 from hil.runs.limit_cycle import LimitCycle
 from hil.runs.metrics import NUMBERS, Can, Metrics, Trigger
 from hil.runs.phase import Phase
 from hil.runs.standard import Outcome, Standard
 from hil.runs.trace import Trace
+from hil.setup.bus_frames import firmware_of
+from hil.setup.choice import one_or_several
+from hil.setup.choices import CHOICES
+from hil.setup.keys import secret_of
 from plant_sim.can_bus import BusProfile, load_profile
 from vehicles import Vehicle
 

@@ -13,15 +13,15 @@ import numpy as np
 
 import vehicles
 from canroll import documents
-from canroll.errors import UNREADABLE, CanrollError, reason
+from canroll.errors import UNREADABLE, CanrollError, reason, writing
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from hil.runs.experiment import assess
-from hil.runs.frozen import COMMANDS, Controller
 from hil.runs.limit_cycle import LimitCycle
 from hil.runs.result import SAVED, Result, Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import RUN_TIME_NS
+from hil.setup.controller import COMMANDS, Controller
 from plant_sim.world import archive
 from plant_sim.world.spool import Rows, as_columns
 
@@ -59,10 +59,8 @@ def save_traces(path: Path, result: Result) -> Path:
             entries[f"{run}/{name}"] = value if isinstance(value, Rows) else np.asarray(value)
         if trace.refused is not None:
             entries[f"{run}/refused"] = np.array(trace.refused)
-    try:
+    with writing(path):
         archive.write(path, entries, compressed=True)
-    except OSError as error:
-        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
     return path
 
 

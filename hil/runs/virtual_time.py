@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from codegen.run.backends import Backend, NativeEcu
 from codegen.run.secured import SecuredEcu
-from hil.runs.frozen import RUN_TIME
 from hil.runs.trace import TICK, Trace, tick_rows
+from hil.setup.delay import RUN_TIME
 from plant_sim.kernels.records import to_record
 from plant_sim.nodes.codec import MAX_PAYLOAD
 from plant_sim.world.ecu_kernel import MAILBOXES, Connection, Firmware

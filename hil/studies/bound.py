@@ -21,9 +21,9 @@ from scipy.linalg import toeplitz
 from scipy.optimize import brentq
 
 from canroll.typing import Vector
-from hil.runs.frozen import Controller
 from hil.runs.metrics import rms
 from hil.runs.result import Settings
+from hil.setup.controller import Controller
 from plant_sim import bodies
 from plant_sim.world.open_loop import moment_response
 

@@ -10,11 +10,12 @@ from canroll.errors import CanrollError
 from canroll.table import Table
 from hil.cases.execution import IN_TURN, Cases
 from hil.runs import saved_run
-from hil.runs.choices import CHOICES, described, without_frozen
 from hil.runs.experiment import drive, healthy, plan, simulate
-from hil.runs.frozen import Controller
 from hil.runs.result import Result, Settings
 from hil.runs.trace import Trace
+from hil.setup.choices import CHOICES, without_frozen
+from hil.setup.controller import Controller
+from hil.setup.words import described
 
 MOST_NUMBERS = 1000
 RANGE = "expected FROM:TO:STEP, e.g. 60:160:20"

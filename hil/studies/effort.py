@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from gain_gen.calibration.record import identify
-from hil.runs.choices import PASSIVE
 from hil.runs.experiment import drive, limit_cycle_of
-from hil.runs.frozen import Controller
 from hil.runs.metrics import judge, rms
 from hil.runs.result import Settings
+from hil.setup.choices import PASSIVE
+from hil.setup.controller import Controller
 from hil.studies.bound import Bound, bound_of
 
 FIGURES = (

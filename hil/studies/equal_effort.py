@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from canroll.errors import CanrollError
 from hil.cases.execution import IN_TURN, Cases
 from hil.cases.identity import identity
-from hil.runs.choices import PASSIVE
 from hil.runs.experiment import drive, plan
-from hil.runs.frozen import Controller
 from hil.runs.metrics import rms
 from hil.runs.result import Settings
+from hil.setup.choices import PASSIVE
+from hil.setup.controller import Controller
 from hil.studies.effort import (
     FIGURES,
     MOMENT_RMS,

@@ -18,12 +18,12 @@ from hil.cases.execution import IN_TURN, Cases
 from hil.cases.identity import identity
 from hil.reaction import reaction
 from hil.reaction.reaction import Reaction
-from hil.runs.choices import PASSIVE
 from hil.runs.experiment import drive, plan
-from hil.runs.frozen import Controller
 from hil.runs.metrics import peak
 from hil.runs.result import Settings
 from hil.runs.trace import Trace
+from hil.setup.choices import PASSIVE
+from hil.setup.controller import Controller
 from hil.studies.fault_catalogue import CATALOGUE, DETECTED, DOUBLE, GROUPS, Entry, entries
 from plant_sim.faults import parse
 
@@ -262,7 +262,7 @@ def study(
         scenario: name of the manoeuvre.
         catalogue: TOML file of the faults, by default the shipped one.
         cases: what drives the faults.
-        choices: as in :class:`hil.runs.choices.Choices`, except faults.
+        choices: as in :class:`hil.setup.choices.Choices`, except faults.
 
     Raises:
         CanrollError: an invalid name or number.

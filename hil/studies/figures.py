@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from firmware.state import SAFE
 from hil.runs import metrics
 from hil.runs.experiment import drive, limit_cycle_of, maneuver_of, tick_offset_ns
-from hil.runs.frozen import Controller
 from hil.runs.result import Settings
 from hil.runs.trace import TICK, Trace
+from hil.setup.controller import Controller
 from plant_sim import bodies, can_bus
 from plant_sim.world import open_loop
 from plant_sim.world.recording import Kept

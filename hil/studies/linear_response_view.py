@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.errors import CanrollError, reason
+from canroll.errors import writing
 from hil.studies.linear_response import (
     EXCITATIONS,
     FREQUENCIES,
@@ -125,8 +125,6 @@ def draw(found: LinearResponse, where: str, path: Path) -> None:
             axis.set_xlabel("frequency (Hz)")
         axes[0, 0].legend()
         figure.suptitle(where)
-        try:
+        with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             figure.savefig(path, dpi=90, metadata={"Software": None})
-        except OSError as error:
-            raise CanrollError(f"cannot write {path}: {reason(error)}") from error

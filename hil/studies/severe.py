@@ -19,12 +19,12 @@ from canroll.errors import CanrollError
 from canroll.table import Table
 from hil.cases.execution import IN_TURN, Cases
 from hil.cases.identity import identity
-from hil.runs.choices import OF_ONE_MANOEUVRE, PASSIVE, check, chosen
 from hil.runs.experiment import drive, limit_cycle_of, plan
-from hil.runs.frozen import Controller
 from hil.runs.metrics import peak, rms
 from hil.runs.result import Settings
 from hil.runs.trace import Trace
+from hil.setup.choices import OF_ONE_MANOEUVRE, PASSIVE, check, chosen
+from hil.setup.controller import Controller
 from hil.studies import equal_effort
 from hil.studies.effort import scaled
 from hil.studies.equal_effort import Entry, paired, with_stiffer_bar
@@ -139,7 +139,7 @@ def study(
             :mod:`hil.studies.variation`.
         manoeuvres: manoeuvres to drive.
         cases: what drives the cases, a manoeuvre and a vehicle each.
-        choices: vehicle, law, bus and actuator of :class:`hil.runs.choices.Choices`.
+        choices: vehicle, law, bus and actuator of :class:`hil.setup.choices.Choices`.
 
     Raises:
         CanrollError: an invalid name or number, or a law that cannot be driven.

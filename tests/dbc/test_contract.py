@@ -9,7 +9,7 @@ import dbc
 from firmware import calibration, plausibility, state
 from firmware.calibration import Calibration
 from firmware.subset import fields
-from hil.runs.choices import CHOICES
+from hil.setup.choices import CHOICES
 
 LIMITS = {field.name: field.f.hi for field in fields(Calibration)}
 COMMANDS = {field.name: (field.f.lo, field.f.hi) for field in fields(state.Ecu)}

@@ -10,9 +10,9 @@ from firmware import ecu as loop
 from firmware.com import signals
 from firmware.state import ACTIVE, RX_IMU, Ecu
 from hil.runs import experiment
-from hil.runs import frozen as hil_controller
 from hil.runs.trace import TICK
 from hil.runs.virtual_time import closed_loop
+from hil.setup import controller as hil_controller
 
 
 class Watched:

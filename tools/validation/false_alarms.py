@@ -33,8 +33,8 @@ from firmware.plausibility import (
 )
 from hil.reaction.fault_codes import in_words
 from hil.runs import experiment
-from hil.runs.frozen import Controller
 from hil.runs.result import Settings
+from hil.setup.controller import Controller
 from hil.studies.variation import DEFAULT_SPREAD, draw
 from plant_sim.driving import maneuvers
 from plant_sim.world.recording import Kept

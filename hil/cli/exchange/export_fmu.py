@@ -12,10 +12,11 @@ from hil.cli.options import DEFAULT_SCENARIO, choices_of
 from hil.cli.parser import check_mode
 from hil.cli.terminal import show_warnings
 from hil.exchange import body_fmu, bus_fmu, plant_fmu
-from hil.runs.choices import chosen
 from hil.runs.experiment import build_world, maneuver_of, plan, tick_offset_ns
-from hil.runs.frozen import profile_of, refuse_authenticated
 from hil.runs.virtual_time import RUN_TIME_NS
+from hil.setup.bus_frames import profile_of
+from hil.setup.choices import chosen
+from hil.setup.keys import refuse_authenticated
 from plant_sim.bodies import own_body
 from plant_sim.can_bus import NODES, Node, make_network
 from plant_sim.can_bus.kernel.network import add_node

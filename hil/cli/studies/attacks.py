@@ -21,8 +21,8 @@ from hil.realtime.bus_link import has_bus, open_link
 from hil.report.page import Table
 from hil.report.run_folder import write_page
 from hil.report.staging import page_folder
-from hil.runs.frozen import Controller
 from hil.runs.result import Settings
+from hil.setup.controller import Controller
 
 BUSES = ("500k", "secured_fd")
 """The buses that are attacked where none is chosen: without authentication and with it."""

@@ -19,7 +19,7 @@ from hil.realtime.bus_link import Frame
 from hil.realtime.check.machine import Counters, counters
 from hil.realtime.check.workers import CONTEXT, Child, Send, ended
 from hil.realtime.process import TIMER_SLACK, collector_off, prepare
-from hil.runs.frozen import firmware_of
+from hil.setup.bus_frames import firmware_of
 from plant_sim.buses.profile import BusProfile
 
 ECU, PLANT, SPARE = "ECU", "plant", "spare"

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError
-from codegen.run.backends import Recorder, open_backend
 from hil.realtime import timing
 from hil.realtime.bus_link import Frame
 from hil.realtime.check import judgement, loops, machine, round_trip
@@ -16,10 +15,9 @@ from hil.realtime.check.judgement import Measurements
 from hil.realtime.check.loops import Place, Ticks
 from hil.realtime.process import ECU_PRIORITY, PLANT_PRIORITY, cores
 from hil.realtime.session import choose_cores
-from hil.runs import experiment
-from hil.runs.frozen import Controller
 from hil.runs.result import Settings
-from hil.runs.virtual_time import closed_loop
+from hil.runs.traffic import record_traffic
+from hil.setup.controller import Controller
 
 DURATION = 10.0
 SHARE_OF_LOOPS = 0.75
@@ -88,16 +86,9 @@ def _places() -> list[Place]:
 def _driven(settings: Settings, controller: Controller) -> Ticks:
     """Return the frames received by the ECU in the manoeuvre, tick by tick."""
     firmware = settings.firmware
-    ecu = open_backend(settings.backend, controller.record, firmware, key=settings.secret)
-    recorder = Recorder(ecu, firmware)
-    closed_loop(
-        experiment.build_world(settings, enabled=True),
-        recorder,
-        tick_ns=round(settings.tick * 1e9),
-        duration_ns=round(DRIVEN_S * 1e9),
-    )
-    received: list[list[Frame]] = [[] for _ in range(recorder.traffic.ticks)]
-    for event in recorder.traffic.frames:
+    traffic = record_traffic(settings, controller, DRIVEN_S)
+    received: list[list[Frame]] = [[] for _ in range(traffic.ticks)]
+    for event in traffic.frames:
         box = firmware.bus.received[event["message"]]
         # a frame that several mailboxes take is recorded once for each
         first = firmware.slots[box.ident][0] == event["message"]

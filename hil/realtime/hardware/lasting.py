@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from canroll import documents
-from canroll.errors import CanrollError, reason
+from canroll.errors import CanrollError, reading, writing
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.secured import Lasting
 from firmware.security.secoc_state import RESET_MAX
@@ -36,10 +36,8 @@ def read(path: Path | None) -> Memory:
     """
     if path is None or not path.exists():
         return FIRST
-    try:
+    with reading(path):
         data = documents.parse_json(documents.text(path))
-    except (OSError, ValueError) as error:
-        raise CanrollError(f"cannot read {path}: {reason(error)}") from error
     named = isinstance(data, dict) and set(data) == {"starts", "senders"}
     if not named or not isinstance(data["senders"], dict):
         raise CanrollError(f'{path}: expected {{"starts": N, "senders": {{NAME: N}}}}: delete it')
@@ -59,11 +57,9 @@ def write(path: Path | None, memory: Memory) -> None:
         return
     text = json.dumps({"starts": memory.starts, "senders": dict(memory.senders)}) + "\n"
     part = path.with_name(f"{path.name}.part")
-    try:
+    with writing(path):
         part.write_text(text, encoding="utf-8")
         part.replace(path)
-    except OSError as error:
-        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
 
 
 def of_ecu(memory: Memory, firmware: BusFirmware) -> Lasting:

@@ -10,7 +10,7 @@ from gain_gen.calibration import calibration_file
 from hil.cli import export_c
 from hil.cli.main import main
 from hil.runs import saved_run
-from hil.runs.frozen import prepare
+from hil.setup.controller import prepare
 
 
 @pytest.fixture

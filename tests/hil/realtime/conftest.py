@@ -8,7 +8,7 @@ import time
 import pytest
 
 from hil.realtime import ecu_loop, plant_loop
-from hil.runs import frozen
+from hil.setup import controller
 
 PATIENCE = 1800.0
 
@@ -76,14 +76,14 @@ def list_bus(clock):
 
 @pytest.fixture(scope="session")
 def calibration():
-    return frozen.prepare({"law": "lqr", "actuator": "suspension"}).record
+    return controller.prepare({"law": "lqr", "actuator": "suspension"}).record
 
 
 @pytest.fixture(scope="session")
 def calibration_file(tmp_path_factory):
     from gain_gen.calibration import calibration_file as files
 
-    prepared = frozen.prepare({"law": "lqr", "actuator": "suspension"})
+    prepared = controller.prepare({"law": "lqr", "actuator": "suspension"})
     path = tmp_path_factory.mktemp("design") / "calibration.toml"
     files.save(path, prepared.record, prepared.tables)
     return path

@@ -19,8 +19,9 @@ from codegen.run.backends import PythonEcu
 from gain_gen.calibration import calibration_file
 from hil.cli.main import main
 from hil.report.run_folder import write_files
-from hil.runs import experiment, frozen, limit_cycle, saved_run
+from hil.runs import experiment, limit_cycle, saved_run
 from hil.runs.logs import write_log
+from hil.setup import controller as prepared
 from plant_sim.can_bus import DELIVERED
 from plant_sim.nodes import sensors
 
@@ -36,7 +37,7 @@ def van_real():
 def gateway(tmp_path_factory):
     """The gain of the paper's theorem for 500 kbit/s, behind a gateway that it never heard of."""
     theorem = {"law": "hinf_delay", "gains": "theorem", "unverified": True}
-    designed = frozen.prepare({**theorem, "actuator": "bars"})
+    designed = prepared.prepare({**theorem, "actuator": "bars"})
     path = tmp_path_factory.mktemp("design") / "calibration.toml"
     calibration_file.save(path, designed.record, designed.tables)
     return experiment.run("double_lane_change", calibration=path, bus="gateway_50ms")
@@ -198,7 +199,7 @@ def test_the_law_passive_has_no_controlled_run():
 
 
 def test_the_law_passive_designs_nothing(monkeypatch):
-    monkeypatch.setattr(frozen, "design", None)
+    monkeypatch.setattr(prepared, "design", None)
     settings, controller = experiment.plan("roundabout", law="passive")
     assert settings.law == "passive"
     assert not any(controller.record.output_gain)
@@ -277,11 +278,11 @@ def test_other_actuators_reduce_roll_too(actuator, reduction):
 
 
 def test_a_bus_with_another_delay_than_designed_for_is_named(tmp_path):
-    designed = frozen.prepare({"law": "lqr", "bus": "gateway_20ms"})
+    designed = prepared.prepare({"law": "lqr", "bus": "gateway_20ms"})
     path = tmp_path / "calibration.toml"
     calibration_file.save(path, designed.record, designed.tables)
     for bus, warned in (("gateway_20ms", False), (None, True), ("500k", True)):
-        loaded = frozen.prepare({"calibration": path, "bus": bus})
+        loaded = prepared.prepare({"calibration": path, "bus": bus})
         text = " ".join(loaded.warnings)
         assert ("is designed for 16 to 50.2 ms from sample to force, bus 500k" in text) == warned
 
@@ -309,10 +310,10 @@ def test_python_and_native_give_the_same_frames():
 
 def test_an_equal_task_is_designed_once(monkeypatch):
     tasks = []
-    original = frozen.design
-    monkeypatch.setattr(frozen, "RECENT", deque(maxlen=32))
+    original = prepared.design
+    monkeypatch.setattr(prepared, "RECENT", deque(maxlen=32))
     monkeypatch.setattr(
-        frozen, "design", lambda law, task: tasks.append(task) or original(law, task)
+        prepared, "design", lambda law, task: tasks.append(task) or original(law, task)
     )
     same = [experiment.plan("double_lane_change", law="lqr", speed_kmh=v)[1] for v in (70, 80)]
     other = experiment.plan("double_lane_change", law="lqr", bus="125k_busy")[1]

@@ -13,8 +13,8 @@ from canroll.errors import CanrollError
 from codegen.generated.bus_map import load
 from hil.report.run_folder import write_files
 from hil.runs import experiment, logs, saved_run
-from hil.runs.frozen import check_frames, firmware_of
 from hil.runs.metrics import NUMBERS
+from hil.setup.bus_frames import check_frames, firmware_of
 from plant_sim.can_bus import ECU, load_profile
 
 ROOT = Path(__file__).parents[3]

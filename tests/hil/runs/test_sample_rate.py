@@ -10,7 +10,7 @@ import dbc
 from firmware.plausibility import FAULT_SAMPLE_RATE_OFF
 from firmware.state import ACTIVE, INIT
 from hil.runs import experiment
-from hil.runs.frozen import options_of
+from hil.setup.controller import options_of
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[3]

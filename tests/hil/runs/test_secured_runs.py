@@ -19,8 +19,8 @@ from hil.cli.main import main
 from hil.report.run_folder import write_files
 from hil.runs import experiment, saved_run
 from hil.runs.experiment import build_world, drive, plan
-from hil.runs.frozen import sample_to_force
 from hil.runs.virtual_time import closed_loop
+from hil.setup.delay import sample_to_force
 from plant_sim.can_bus import load_profile
 
 LANE_CHANGE = "double_lane_change"

@@ -14,8 +14,8 @@ from hil.cli.run import about
 from hil.exchange.signal_files import write_signals
 from hil.report.run_folder import write_files
 from hil.runs import experiment, saved_run
-from hil.runs.frozen import check_frames
 from hil.runs.result import Settings
+from hil.setup.bus_frames import check_frames
 from plant_sim.can_bus import load_profile
 
 SHORT = {"actuator": "suspension", "duration": 1.0}

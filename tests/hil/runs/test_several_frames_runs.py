@@ -9,7 +9,7 @@ import pytest
 
 from canroll.errors import CanrollError
 from hil.runs import experiment, logs
-from hil.runs.frozen import check_frames
+from hil.setup.bus_frames import check_frames
 
 DBC = """\
 VERSION ""

@@ -9,8 +9,8 @@ import pytest
 from gain_gen.calibration.record import identify
 from gain_gen.calibration.vehicle_part import moment_limit
 from hil.runs.experiment import drive, plan
-from hil.runs.frozen import task_of
 from hil.runs.metrics import peak
+from hil.setup.controller import task_of
 
 CHOICES = {"vehicle": "van_real", "law": "plain_feedforward", "actuator": "bars"}
 GAIN = 2.0

@@ -10,7 +10,7 @@ from canroll.errors import CanrollError
 from firmware.plausibility import FAULT_ACTUATOR_CONTRADICTED
 from firmware.state import ACTIVE, SAFE
 from hil.runs import experiment
-from hil.runs.frozen import check_frames
+from hil.setup.bus_frames import check_frames
 from plant_sim.can_bus import ECU
 
 OWN_BUS = Path(__file__).parents[3] / "examples" / "own_bus"

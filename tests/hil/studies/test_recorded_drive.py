@@ -15,7 +15,7 @@ from gain_gen.calibration import calibration_file
 from hil.cli import ecu
 from hil.cli.main import parse
 from hil.runs import experiment, logs
-from hil.runs.frozen import firmware_of, profile_of
+from hil.setup.bus_frames import firmware_of, profile_of
 
 FOREIGN = Path(__file__).parents[3] / "examples" / "own_bus"
 SILENT = 2.0

@@ -1,9 +1,8 @@
-"""The controller of a run, designed or read from a calibration file, and its frames."""
+"""The controller of a run, designed or read from a calibration file."""
 
 from collections import deque
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -13,29 +12,22 @@ import dbc
 import vehicles
 from canroll.errors import CanrollError
 from codegen.generated import own_stage
-from codegen.generated.bus_map import BusMap
-from codegen.generated.mailbox import RECEIVED, SAMPLE_COUNTERS, VALID_BITS
+from codegen.generated.mailbox import SAMPLE_COUNTERS
 from codegen.generated.own_stage import OwnStage
-from codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_stage
-from dbc import attribute, read
-from dbc.keys import DEVELOPMENT_KEY, read_key
-from dbc.reader import each
+from codegen.run.bus_firmware import built_in, with_stage
 from firmware import calibration as fw
 from firmware.calibration import Calibration
-from firmware.plausibility import NEEDED
-from firmware.state import REST, RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, RX_VEHICLE_MOTION
+from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE
 from gain_gen.calibration.calibration_file import LoadedCalibration, load
 from gain_gen.calibration.freeze import calibrate
 from gain_gen.calibration.quantise import ACTUATOR_NUMBER, Options
 from gain_gen.design import design, without_control
 from gain_gen.laws import WITHOUT_ROLL_RATE
 from gain_gen.models.task import Delay, Design, Task
-from hil.runs.choices import CHOICES, PASSIVE, check, chosen
-from plant_sim.can_bus import BusProfile, load_profile
-from plant_sim.can_bus.delay_bounds import delay_bounds
-from plant_sim.can_bus.own_frames import bus_map, messages_of, secured
-from plant_sim.can_bus.traffic.files import load_traffic
-from plant_sim.nodes.sensors import SensorOptions, delay
+from hil.setup.bus_frames import absent, profile_of
+from hil.setup.choices import CHOICES, PASSIVE, check, chosen
+from hil.setup.delay import sample_to_force
+from plant_sim.can_bus.own_frames import bus_map
 from vehicles import Vehicle
 
 COMMANDS = {
@@ -49,14 +41,8 @@ RECENT: deque[tuple[str, Task, Design]] = deque(maxlen=32)
 """Designs of this process: a sweep uses the same one at every speed."""
 COMMAND_TIMEOUT = 0.160
 """Age at which actuators release a command, s."""
-SPEED = 1
-"""Bit of ecu.valid: the speed of VehicleMotion."""
-STEERED = 3
-"""Input of a compensator: the lateral acceleration by steering."""
 COUNTS = 15
 """Largest value of the sample counters that the firmware can follow over lost frames."""
-NAMED = 5
-"""Messages that a warning lists."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +82,7 @@ class Controller:
 
 
 def prepare(choices: Mapping[str, Any]) -> Controller:
-    """Return the controller for ``choices`` (:class:`hil.runs.choices.Choices`).
+    """Return the controller for ``choices`` (:class:`hil.setup.choices.Choices`).
 
     Raises:
         CanrollError: unknown names, contradicting choices, an unreadable calibration.
@@ -128,46 +114,6 @@ def stage_of(tables: Mapping[str, Any], choices: Mapping[str, Any]) -> OwnStage 
         stage = own_stage.read(Path(choices["stage"]))
     with_stage(built_in(), stage)
     return stage
-
-
-def profile_of(choices: Mapping[str, Any]) -> BusProfile:
-    """Return the bus for ``choices``, with its frames.
-
-    Raises:
-        CanrollError: no such profile, or an unusable file.
-    """
-    return load_profile(chosen(choices, "bus"), choices.get("dbc"), choices.get("map"))
-
-
-def refuse_useless_key(choices: Mapping[str, Any], profile: BusProfile) -> None:
-    """Raise CanrollError for a key that cannot be read, or on a bus that uses none."""
-    key = choices.get("key")
-    if key is None:
-        return
-    if not secured(profile):
-        raise CanrollError(
-            f"--key: the frames of bus {profile.name} are not authenticated: omit it, or choose "
-            "--bus secured_fd"
-        )
-    read_key(Path(key))
-
-
-def secret_of(choices: Mapping[str, Any]) -> bytes:
-    """Return the key of authenticated frames for ``choices``.
-
-    Raises:
-        CanrollError: the file cannot be read, or holds no key.
-    """
-    key = choices.get("key")
-    return DEVELOPMENT_KEY if key is None else read_key(Path(key))
-
-
-def refuse_authenticated(profile: BusProfile, command: str) -> None:
-    """Raise CanrollError where ``command`` cannot authenticate frames and a bus demands it."""
-    if secured(profile):
-        raise CanrollError(
-            f"{command} cannot authenticate the frames of bus {profile.name}: choose another --bus"
-        )
 
 
 def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
@@ -259,7 +205,7 @@ def _not_measured(choices: Mapping[str, Any]) -> str:
         return "plant roll1 has no tyres"
     profile = profile_of(choices)
     bus = bus_map(profile)
-    if bus is not None and _absent(bus, RX_SUSPENSION_RATE):
+    if bus is not None and absent(bus, RX_SUSPENSION_RATE):
         return f"{profile.map_file} maps no stroke rates of the suspension"
     if _unreported(choices):
         return f"{profile.map_file} maps no delivered moments"
@@ -270,7 +216,7 @@ def _unreported(choices: Mapping[str, Any]) -> bool:
     """Return whether the bus has no delivered moments, and the actuators' commands are moments."""
     bus = bus_map(profile_of(choices))
     moments = chosen(choices, "actuator") in ("bars", "suspension")
-    return bus is not None and moments and bool(_absent(bus, RX_ACTUATOR_STATE))
+    return bus is not None and moments and bool(absent(bus, RX_ACTUATOR_STATE))
 
 
 def _sample_period(choices: Mapping[str, Any]) -> float:
@@ -354,189 +300,3 @@ def _other_delay(calibration: LoadedCalibration, choices: Mapping[str, Any], del
         f"{1e3 * delay.least:.3g} to {1e3 * delay.most:.3g} ms: choose the bus designed for by "
         "--bus"
     )
-
-
-RUN_TIME = 200e-6
-"""From the start of a tick to its frames in the controller's queue, s: the loop takes 10 k to 20 k
-instructions on a Cortex-M0, which is less at 100 MHz."""
-
-
-def sample_to_force(
-    vehicle: Vehicle, command: str, profile: BusProfile, *, tick: float = 0.010
-) -> Delay:
-    """Return the bounds of the delay on this bus, and their middle.
-
-    It includes the low-pass of the roll-rate sensor and its latency, but not the hold of the
-    command over the next tick, which is part of the sampled design model.
-
-    Args:
-        vehicle: vehicle with the sensors.
-        command: message that commands the actuators.
-        profile: the bus.
-        tick: period of the loop, s.
-
-    Raises:
-        VerdictError: the bus is overloaded and has no bound.
-    """
-    bounds = delay_bounds(profile, tick_ms=1e3 * tick, command=command, run_time_s=RUN_TIME)
-    sensor = delay(vehicle.sensors.roll_rate, options=SensorOptions())
-    least, most = sensor + bounds.age_min, sensor + bounds.age_max
-    return Delay((least + most) / 2, least, most)
-
-
-def firmware_of(profile: BusProfile, stage: OwnStage | None = None) -> BusFirmware:
-    """Return the ECU's program for the frames of a bus, with an own stage where there is one."""
-    if profile.dbc is None or profile.map_file is None:
-        return with_stage(built_in(), stage)
-    return with_stage(of_bus(profile.dbc, profile.map_file), stage)
-
-
-def names_of(profile: BusProfile) -> dict[int, str]:
-    """Return the names of a bus's frames by identifier."""
-    return {message.ident: message.name for message in messages_of(profile)}
-
-
-def check_frames(profile: BusProfile, record: Calibration) -> tuple[str, ...]:
-    """Return warnings on the frames of a bus for a loop with this calibration.
-
-    Raises:
-        CanrollError: a required message or signal is missing, or its cycle time is longer than the
-            loop's timeout for it.
-    """
-    bus = bus_map(profile)
-    background = (*_of_traffic(profile), *profile.warnings)
-    if bus is None:
-        return background
-    refuse_wide_steps(bus, record, str(profile.map_file))
-    own = (*bus.warnings, *_other_rates(profile), *_lacking(profile, bus, record))
-    return (*own, *background)
-
-
-def _of_traffic(profile: BusProfile) -> Iterator[str]:
-    """What the files of a network's background leave open, or say otherwise."""
-    for segment in profile.network.segments:
-        if segment.traffic is None:
-            continue
-        traffic = load_traffic(segment.traffic)
-        yield from traffic.warnings
-        if traffic.left_out:
-            names = ", ".join(traffic.left_out[:NAMED])
-            more = len(traffic.left_out) - NAMED
-            yield (
-                f"{segment.traffic}: no cycle time, so not on the bus: {names}"
-                f"{f' and {more} more' if more > 0 else ''}"
-            )
-        if traffic.rate_assumed and segment.traffic == profile.traffic:
-            yield f"{segment.traffic}: says no bit rate; {segment.bitrate} bit/s is assumed"
-        elif not traffic.rate_assumed and traffic.bitrate != segment.bitrate:
-            yield (
-                f"{segment.traffic}: says {traffic.bitrate} bit/s, the network "
-                f"{segment.bitrate} bit/s"
-            )
-
-
-def _other_rates(profile: BusProfile) -> Iterator[str]:
-    """Warning on the DBC's bit rates if the bus has others."""
-    assert profile.dbc is not None
-    rates = {
-        "Baudrate": profile.bitrate,
-        "BaudrateCANFD": profile.data_bitrate or profile.bitrate,
-    }
-    for path, (name, rate) in product(each(profile.dbc), rates.items()):
-        said = attribute(read(path)[0], name)
-        if said and said != rate:
-            yield f"{path}: its {name} is {said} bit/s, that of bus {profile.name} {rate}"
-
-
-def _lacking(profile: BusProfile, bus: BusMap, record: Calibration) -> Iterator[str]:
-    """Warnings on what the frames of a bus do not carry; what the loop requires is refused."""
-    fields = _mapped(bus)
-    where = f"{profile.map_file} [receive.vehicle_motion]"
-    if "speed" not in fields:
-        raise CanrollError(
-            f"{where}: no signal is mapped to speed: the law commands nothing without it"
-        )
-    if "steering" not in fields and _steers(record, fields):
-        raise CanrollError(
-            f"{where}: no signal is mapped to steering, which this law, observer or learning of "
-            "offsets requires: choose another"
-        )
-    for message, timeout in enumerate(record.timeout_ticks):
-        slot = RECEIVED[message]
-        where = f"{profile.map_file} [receive.{slot}]"
-        absent = _absent(bus, message, record)
-        watching = message == RX_SUSPENSION_RATE and record.actuator in (fw.SUSPENSION, fw.BARS)
-        hint = ": map another, or design with --no-watch-response" if watching else ""
-        if absent == "roll_rate":
-            hint = f": map it, or design with --law lqr --observer {WITHOUT_ROLL_RATE[0]}"
-        if absent and watching and not timeout:
-            yield (
-                f"{where}: no signal is mapped to {absent}: lying actuators and small errors of "
-                "the lateral acceleration go unnoticed"
-            )
-        if absent and message == RX_ACTUATOR_STATE and not timeout:
-            yield (
-                f"{where}: no signal is mapped to {absent}: what is commanded counts as delivered, "
-                "and actuators that fail go unnoticed"
-            )
-        if not timeout:
-            continue
-        if absent:
-            raise CanrollError(
-                f"{where}: no signal is mapped to {absent}, which the loop requires{hint}"
-            )
-        wait = timeout * record.tick_us // 1000
-        for box in bus.frames_of(slot):
-            if 2 * box.cycle_ms <= wait:
-                continue
-            slow = (
-                f"{where}: {box.name} is sent every {box.cycle_ms} ms, but the loop's timeout "
-                f"is {wait} ms: it must be at least two cycle times{hint}"
-            )
-            if box.bits & (_needed(message, record) | REST):
-                raise CanrollError(slow)
-            yield f"{slow}; its signals count as late"
-
-
-def _mapped(bus: BusMap) -> set[str]:
-    """The fields that received frames fill."""
-    return {signal.place.text for box in bus.received for signal in box.signals}
-
-
-def _steers(record: Calibration, fields: Collection[str]) -> bool:
-    """Whether a calibration uses the steering angle, given the fields that are filled."""
-    steered = any(record.gamma_steering) or (
-        record.law == fw.COMPENSATOR
-        and any(row[STEERED] for row in (*record.compensator_b, *record.compensator_d))
-    )
-    return steered or (bool(record.offset_learning) and "yaw_rate" not in fields)
-
-
-def _needed(message: int, record: Calibration | None) -> int:
-    """The signals of a message that the loop needs, as bits of ecu.valid."""
-    if message == RX_IMU and record is not None:
-        return record.measurements or NEEDED[message]
-    return NEEDED[message]
-
-
-def _absent(bus: BusMap, message: int, record: Calibration | None = None) -> str:
-    """The first required field of a message that no frame of it has; "" if there is none."""
-    needed = _needed(message, record)
-    if message == RX_VEHICLE_MOTION:
-        needed = SPEED
-    carried = sum(box.bits for box in bus.frames_of(RECEIVED[message]))
-    fields = VALID_BITS[RECEIVED[message]]
-    return next((f for k, f in enumerate(fields) if (needed & ~carried) >> k & 1), "")
-
-
-def refuse_wide_steps(bus: BusMap, record: Calibration, map_file: str) -> None:
-    """Raise CanrollError if a multiplexed page has larger counter steps than accepted."""
-    for box in bus.received:
-        accepted = record.e2e_max_delta[RECEIVED.index(box.slot)]
-        counter = box.protection.counter if box.protection else None
-        if record.e2e and counter is not None and box.cycle > accepted:
-            raise CanrollError(
-                f"{map_file} [receive.{box.slot}]: {box.name} counts over its {box.cycle} pages; "
-                f"the calibration accepts steps of {accepted} (e2e_max_delta): raise it, or map a "
-                "frame that is not multiplexed"
-            )

@@ -6,18 +6,16 @@ the settings in JSON objects and saved runs, the command line of the plant in re
 tables of docs/commands.md.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from math import inf
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, TypedDict, get_args, get_origin, get_type_hints
 
-from canroll.arguments import require
 from canroll.errors import CanrollError, UnknownNameError
-from canroll.extension import is_reference
 from codegen.run import BACKENDS
 from gain_gen.laws import LAWS, OBSERVERS
+from hil.setup.choice import Choice
 from plant_sim.bodies import BODIES
 from plant_sim.buses import BUSES
 from vehicles import ACTUATORS, Vehicle
@@ -31,105 +29,6 @@ GAINS = ("computed", "theorem", "as_printed")
 OF_ONE_MANOEUVRE = ("calibration", "speed_kmh", "options", "seed", "phase_ms", "duration")
 """Choices of a run that a study over manoeuvres and vehicles has no use for."""
 WORLD, CONTROLLER, RUN = "world", "controller", "run"
-ON, OFF = ("on", "true", "1"), ("off", "false", "0")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Choice:
-    """One choice of a run.
-
-    Attributes:
-        option: option on the command line.
-        help: help text; names, unit and default are added when shown.
-        of: "world", "controller" or "run": what it belongs to.
-        default: default value; None if it depends on other choices.
-        values: the allowed names, read when needed; none: any text.
-        extensible: whether "file.py:name" or "module:name" is allowed as well.
-        unit: unit of a number.
-        low: least number.
-        high: largest number.
-        frozen_in_calibration: whether a calibration file fixes it.
-        saved: whether results contain it; otherwise it is in their calibration.
-        repeated: whether it may be given several times: see :func:`one_or_several`.
-        rare: whether only ``--help-all`` shows it.
-        excludes: other options, such as "law=passive", beside which it has no effect, and why.
-        name: keyword of :func:`canroll.run`, and key in JSON.
-        kind: str, Path, float, int, bool, Mapping or Sequence.
-        hint: annotation of the keyword: the types of its values.
-    """
-
-    option: str
-    help: str
-    of: str
-    default: Any = None
-    values: Callable[[], Iterable[str]] = tuple
-    extensible: bool = False
-    unit: str = ""
-    low: float = -inf
-    high: float = inf
-    frozen_in_calibration: bool = False
-    saved: bool = True
-    repeated: bool = False
-    rare: bool = False
-    excludes: Mapping[str, str] = field(default_factory=dict)
-    name: str = ""
-    kind: type = str
-    hint: Any = str
-
-    @property
-    def word(self) -> str:
-        """Name in messages and in "key=value": the option without dashes."""
-        return self.option.removeprefix("--").removeprefix("no-")
-
-    def check(self, value: Any) -> None:  # noqa: ANN401
-        """Reject an invalid name or number.
-
-        Raises:
-            UnknownNameError: no such name; the nearest is suggested.
-            CanrollError: a number out of range.
-        """
-        self._check_kind(value)
-        known = tuple(self.values())
-        refers = self.extensible and (is_reference(value) or value in self.values())
-        if known and value not in known and not refers:
-            if isinstance(value, str) and Path(value).suffix and Path(value).is_file():
-                suffixes = ", ".join(getattr(self.values(), "suffixes", ()))
-                if suffixes:
-                    raise CanrollError(f"{value}: the file of a {self.word} ends in {suffixes}")
-            raise UnknownNameError(self.word, value, known)
-        if self.kind in (float, int) and not self.low <= value <= self.high:
-            unit = f" {self.unit}" if self.unit else ""
-            allowed = f"{self.low:.10g} to {self.high:.10g}"
-            if self.high == inf:
-                allowed = f"{self.low:g} or more" if self.low >= 1 or not self.low else "above 0"
-            raise CanrollError(f"{self.word} {value:g}{unit}: must be {allowed}{unit}")
-
-    def _check_kind(self, value: Any) -> None:  # noqa: ANN401
-        """Reject a value of another type."""
-        if not self.values():
-            require(self.name, value, self.hint)
-        elif not isinstance(value, str | Path):
-            raise CanrollError(f"{self.name}={value!r}: must be a name")
-
-    def read(self, text: str) -> Any:  # noqa: ANN401
-        """Return the value given by ``text``.
-
-        Raises:
-            UnknownNameError: no such name.
-            CanrollError: not a number, out of range, or neither on nor off.
-        """
-        if self.kind is bool:
-            if text.lower() not in (*ON, *OFF):
-                raise CanrollError(f"{self.word} must be on or off, got {text!r}")
-            return text.lower() in ON
-        if not text:
-            raise CanrollError(f"{self.option} must not be empty")
-        try:
-            value = self.kind(text)
-        except ValueError as error:
-            raise CanrollError(f"{self.word}={text}: {text!r} is not a number") from error
-        self.check(value)
-        return value
 
 
 WITHOUT_CONTROL = {f"law={PASSIVE}": "--law passive has no control"}
@@ -512,29 +411,6 @@ CHOICES: dict[str, Choice] = {
 }
 """Every choice by its keyword, in the order in which results list them."""
 
-BY_WORD = {
-    choice.word: choice for choice in CHOICES.values() if choice.kind not in (Mapping, Sequence)
-}
-"""Choices that can be given as ``key=value``."""
-
-
-def one_or_several(given: str | Path | Sequence[str | Path] | None) -> str | tuple[str, ...] | None:
-    """Return one value as a text, several as a tuple; a list of one is that one."""
-    if given is None or isinstance(given, str | Path):
-        return None if given is None else str(given)
-    found = tuple(map(str, given))
-    return found[0] if len(found) == 1 else found
-
-
-def as_text(given: Path | str | None) -> str | None:
-    """Return a path as text."""
-    return None if given is None else str(given)
-
-
-def several(given: str | Sequence[str]) -> tuple[str, ...]:
-    """Return what may be one value or several as a tuple."""
-    return (given,) if isinstance(given, str) else tuple(given)
-
 
 def check(choices: Mapping[str, Any]) -> None:
     """Reject invalid choices before any slow import.
@@ -573,43 +449,3 @@ def chosen(choices: Mapping[str, Any], name: str) -> Any:  # noqa: ANN401
     """Return the chosen value, or the default."""
     value = choices.get(name)
     return CHOICES[name].default if value is None else value
-
-
-def described(text: str) -> dict[str, Any]:
-    """Return the choices given as "law=lqr,bus=125k_busy".
-
-    Raises:
-        UnknownNameError: an unknown key or name.
-        CanrollError: an invalid value.
-    """
-    found: dict[str, Any] = {}
-    for part in text.split(","):
-        word, _, value = part.partition("=")
-        if word not in BY_WORD:
-            raise UnknownNameError("key of a run", word, BY_WORD)
-        choice = BY_WORD[word]
-        read = choice.read(value)
-        if choice.repeated and choice.name in found:
-            read = one_or_several([*several(found[choice.name]), read])
-        found[choice.name] = read
-    return found
-
-
-def arguments(values: Mapping[str, Any]) -> list[str]:
-    """Return the command-line options for ``values``."""
-    found: list[str] = []
-    for name, value in values.items():
-        choice = CHOICES[name]
-        if value is None or (choice.kind is bool and value == choice.default):
-            continue
-        if choice.kind is bool:
-            found.append(choice.option)
-        elif choice.kind is Mapping:
-            for key, item in value.items():
-                found += [choice.option, f"{key}={item}"]
-        elif choice.kind is Sequence or choice.repeated:
-            for item in several(value):
-                found += [choice.option, str(item)]
-        else:
-            found += [choice.option, repr(value) if choice.kind is float else str(value)]
-    return found

@@ -12,9 +12,10 @@ from canroll.errors import CanrollError, UnknownNameError
 from gain_gen.calibration.quantise import ACTUATOR_NUMBER
 from hil.cli.main import parse
 from hil.cli.options import choices_of
-from hil.runs import choices
-from hil.runs.choices import CHOICES, arguments, check, described
 from hil.runs.conditions import fault_texts
+from hil.setup import choices
+from hil.setup.choices import CHOICES, check
+from hil.setup.words import arguments, described
 
 ASKED = {
     "vehicle": "van_2021",
