@@ -1,7 +1,6 @@
 """Simulated ages: from a sensor's sample to the instant the resulting command is applied."""
 
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +16,7 @@ from plant_sim.can_bus.simulation import add_player, listeners, with_longest
 from plant_sim.can_bus.traffic.log_playback import Frames, Recording, feed
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import EXTENDED
-from plant_sim.kernels.random import random_bits, uniform
-
-_JITTER_STREAM: Final = 1 << 44
-_PAYLOAD_STREAM: Final = 1 << 45
+from plant_sim.kernels.random import Stream, random_bits, uniform
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +48,10 @@ class _Sender:
     def send(self, nominal_ns: int) -> int:
         """Queue the frame with nominal release ``nominal_ns``; return the time of queueing, ns."""
         message, seed = self.message, int(self.network.clock[SEED])
-        draw = float(uniform(seed, _JITTER_STREAM + message.ident, self.sent))
+        draw = float(uniform(seed, Stream.AGE_JITTER + message.ident, self.sent))
         queued = max(nominal_ns + int(draw * (message.jitter_ns + 1)), self.last_ns + 1)
         words = [
-            int(random_bits(seed, _PAYLOAD_STREAM + message.ident, self.sent * 8 + k))
+            int(random_bits(seed, Stream.AGE_PAYLOAD + message.ident, self.sent * 8 + k))
             for k in range(-(-message.length // 8))
         ]
         data = np.array(words, np.uint64).view(np.uint8)

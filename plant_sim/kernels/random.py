@@ -3,6 +3,7 @@
 The mixing function is the finaliser of SplitMix64 (Steele, Lea, Flood 2014).
 """
 
+from enum import IntEnum
 from typing import Final
 
 import numpy as np
@@ -17,6 +18,24 @@ _S30: Final = np.uint64(30)
 _S27: Final = np.uint64(27)
 _S31: Final = np.uint64(31)
 _S11: Final = np.uint64(11)
+
+
+class Stream(IntEnum):
+    """First stream of each purpose, to which the number of a node, message or kind is added.
+
+    The ages of a network's messages are drawn in a simulation without a vehicle, whose frames
+    have no faults: the two have one stream.
+    """
+
+    BIT_ERROR = 1 << 40
+    SOURCE_JITTER = 1 << 41
+    SOURCE_PAYLOAD = 1 << 42
+    GATEWAY_LATENCY = 1 << 43
+    FRAME_FAULT = 1 << 44
+    AGE_JITTER = 1 << 44
+    AGE_PAYLOAD = 1 << 45
+    LOG_PHASE = 1 << 46
+    QUEUE_JITTER = 1 << 47
 
 
 @njit

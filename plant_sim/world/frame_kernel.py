@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from plant_sim import can_bus as bus
 from plant_sim.kernels import schedule
 from plant_sim.kernels.jit import njit
-from plant_sim.kernels.random import uniform
+from plant_sim.kernels.random import Stream, uniform
 from plant_sim.nodes import authentication, codec, e2e
 from plant_sim.nodes.authentication import Authentication
 from plant_sim.nodes.codec import Codec
@@ -28,7 +28,6 @@ LATER_NS = 1_000_000
 CYCLES_LATE = 1.5
 SHORTEST_CYCLE_MS = 10
 """A frame out of order is so many of its cycle times late, so that the next one overtakes it."""
-_STREAM = 1 << 44
 # Slots of Frames.clock.
 DRAWN, ATTACKER_AT_ECU, ATTACKER_AT_ACTUATOR, N_CLOCK = range(4)
 
@@ -65,7 +64,7 @@ def _happens(frames: Any, kind: int, row: int, t_ns: int, seed: int) -> bool:  #
     if share <= 0.0:
         return False
     frames.clock[DRAWN] += 1
-    return bool(uniform(seed, _STREAM + kind, frames.clock[DRAWN]) < share)
+    return bool(uniform(seed, Stream.FRAME_FAULT + kind, frames.clock[DRAWN]) < share)
 
 
 @njit
@@ -112,7 +111,7 @@ def damage(  # noqa: PLR0917
 ) -> None:
     """Invert one bit of a received payload where a fault does so."""
     if frames.fault[0, 0] >= 0 and length > 0 and _happens(frames, CORRUPTION, row, t_ns, seed):
-        draw = uniform(seed, _STREAM + FAULTS, frames.clock[DRAWN])
+        draw = uniform(seed, Stream.FRAME_FAULT + FAULTS, frames.clock[DRAWN])
         bit = int(draw * 8 * length)
         payload[bit // 8] = int(payload[bit // 8]) ^ (1 << (bit % 8))
 

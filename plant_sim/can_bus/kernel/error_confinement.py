@@ -43,11 +43,10 @@ from plant_sim.can_bus.wire.frame import (
     duration_ns,
 )
 from plant_sim.kernels.jit import njit
-from plant_sim.kernels.random import uniform
+from plant_sim.kernels.random import Stream, uniform
 
 _RECESSIVE_SEQUENCE_BITS = 11
 _RECOVERY_SEQUENCES = 128
-_DRAW_STREAM = 1 << 40
 
 
 @njit
@@ -84,7 +83,7 @@ def error_rate(bus: State, which: int, now: int) -> float:
 def random_error(bus: State, which: int, bits: int, rate: float) -> int:
     """Draw the first disturbed bit of an attempt of ``bits`` bits, −1 for none."""
     bus.clock[DRAWS] += 1
-    draw = uniform(bus.clock[SEED], _DRAW_STREAM + which, bus.clock[DRAWS])
+    draw = uniform(bus.clock[SEED], Stream.BIT_ERROR + which, bus.clock[DRAWS])
     if draw >= -np.expm1((bits - 1) * np.log1p(-rate)):
         return -1
     position = int(np.log1p(-draw) / np.log1p(-rate))

@@ -40,9 +40,7 @@ from plant_sim.can_bus.kernel.layout import (
 from plant_sim.can_bus.kernel.ledger import finish
 from plant_sim.can_bus.wire.frame import REMOTE, arbitration_key
 from plant_sim.kernels.jit import njit
-from plant_sim.kernels.random import uniform
-
-_JITTER_STREAM = 1 << 47
+from plant_sim.kernels.random import Stream, uniform
 
 Drawn = Any
 """Record of a gateway or a node, with the fields of a distribution."""
@@ -220,7 +218,7 @@ def release(bus: State, slot: int, now: int) -> None:
     if own and (bus.clock[FAULT_COUNT] > 0 or late):
         index = fault_active(bus, NODE_DELAY, frame.node, now)
         if index >= 0 or late or now <= node.delayed_ns:
-            queued = now + draw(bus, node, _JITTER_STREAM + frame.node) if late else now
+            queued = now + draw(bus, node, Stream.QUEUE_JITTER + frame.node) if late else now
             if index >= 0:
                 queued += bus.faults[index].value
             node.delayed_ns = max(node.delayed_ns, queued)

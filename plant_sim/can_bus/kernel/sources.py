@@ -6,11 +6,7 @@ from plant_sim.can_bus.kernel.calendar import schedule
 from plant_sim.can_bus.kernel.layout import GATEWAY_COUNT, NOW, SEED, Network, State
 from plant_sim.can_bus.kernel.queues import draw, hears, message_of, release, store
 from plant_sim.kernels.jit import njit
-from plant_sim.kernels.random import random_bits, uniform
-
-_JITTER_STREAM = 1 << 41
-_PAYLOAD_STREAM = 1 << 42
-_LATENCY_STREAM = 1 << 43
+from plant_sim.kernels.random import Stream, random_bits, uniform
 
 
 @njit
@@ -31,7 +27,7 @@ def schedule_source(bus: State, number: int, now: int) -> None:
     if nominal >= source.until_ns:
         return
     if source.jitter_ns > 0:
-        draw = uniform(bus.clock[SEED], _JITTER_STREAM + number, source.sent)
+        draw = uniform(bus.clock[SEED], Stream.SOURCE_JITTER + number, source.sent)
         nominal += np.int64(draw * (source.jitter_ns + 1))
     schedule(bus, max(nominal, now), -1 - number)
 
@@ -48,7 +44,7 @@ def generate(bus: State, number: int, now: int) -> None:
         for index in range(source.length):
             if index & 7 == 0:
                 counter = source.sent * 8 + (index >> 3)
-                bits = random_bits(bus.clock[SEED], _PAYLOAD_STREAM + number, counter)
+                bits = random_bits(bus.clock[SEED], Stream.SOURCE_PAYLOAD + number, counter)
             payload[index] = np.uint8(bits & np.uint64(0xFF))
             bits >>= np.uint64(8)
     slot = store(bus, source.message, now, now, source.length, payload, source.flags)
@@ -73,7 +69,9 @@ def forward(bus: State, slot: int, now: int, missed: int) -> None:
         gateway = bus.gateways[index]
         if gateway.from_node == missed or not hears(bus, gateway.from_node, now):
             continue
-        gateway.last_ns = max(gateway.last_ns, now + draw(bus, gateway, _LATENCY_STREAM + index))
+        gateway.last_ns = max(
+            gateway.last_ns, now + draw(bus, gateway, Stream.GATEWAY_LATENCY + index)
+        )
         stored = store(
             bus,
             message_of(bus, gateway.to_node, frame.ident, frame.flags),

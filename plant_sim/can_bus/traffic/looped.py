@@ -9,9 +9,7 @@ from plant_sim.can_bus.kernel.layout import Network
 from plant_sim.can_bus.traffic.inference import InferredBus
 from plant_sim.can_bus.traffic.log_playback import Frames, feed
 from plant_sim.can_bus.wire.frame import arbitration_key
-from plant_sim.kernels.random import random_bits
-
-_PHASE_STREAM = 1 << 46
+from plant_sim.kernels.random import Stream, random_bits
 
 
 class Loop(NamedTuple):
@@ -58,7 +56,7 @@ class LoopedTraffic:
 
     def __init__(self, network: Network, node: int, loop: Loop, *, seed: int) -> None:
         self._network, self._node, self._loop = network, node, loop
-        phase = int(random_bits(seed, _PHASE_STREAM, 0)) % loop.span_ns
+        phase = int(random_bits(seed, int(Stream.LOG_PHASE), 0)) % loop.span_ns
         self._frames = loop.first.piece(phase, loop.span_ns)
         self._next_ns = loop.span_ns - phase
         self._cursor = 0
