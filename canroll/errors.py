@@ -12,6 +12,7 @@ from zipfile import BadZipFile
 EXTRAS = {
     "asammdf": ("asammdf",),
     "campaign": ("pyarrow",),
+    "certify": ("python-flint",),
     "cluster": ("distributed",),
     "completion": ("shtab",),
     "fmi": ("fmpy",),
