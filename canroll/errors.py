@@ -14,6 +14,7 @@ from zipfile import BadZipFile
 EXTRAS = {
     "asammdf": ("asammdf",),
     "campaign": ("pyarrow",),
+    "certify": ("python-flint",),
     "cluster": ("distributed",),
     "completion": ("shtab",),
     "fmi": ("fmpy",),

@@ -43,7 +43,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("gain_gen.output_feedback",),
     ("gain_gen.calibration",),
     ("gain_gen",),
-    ("hil.reaction", "hil.network", "hil.setup"),
+    ("gain_gen.certificate", "hil.reaction", "hil.network", "hil.setup"),
     ("hil.runs",),
     ("hil.cases", "hil.realtime.hardware"),
     ("hil.realtime",),

@@ -1,0 +1,246 @@
+"""The certificate of a calibration: data of its loop and every claim that could be proved.
+
+Claims of each condition of the family, for every sequence of delays within bounds, a new one every
+tick:
+
+``every tick``
+    the bounds are those of the task; commands are sent every tick.
+``event trigger``
+    the same with the commands that the event trigger withholds.
+``n lost``
+    the longest delay is longer by n ticks, so up to n commands in a row may be lost.
+"""
+
+import hashlib
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import dbc
+import firmware
+from canroll.errors import CanrollError
+from firmware import calibration as fw
+from firmware.calibration import Calibration
+from firmware.schedule import schedule
+from firmware.state import RX_VEHICLE_MOTION, Ecu
+from gain_gen.analysis.family import Member, family_of
+from gain_gen.calibration.calibration_file import LoadedCalibration
+from gain_gen.certificate import checker
+from gain_gen.certificate.claim import prove, texts
+from gain_gen.models.task import Task
+from vehicles import Vehicle
+
+FORMAT = "canroll certificate 1"
+INTEGERS = (
+    *("tick_us", "law", "measurements", "phi", "phi_shift", "gamma"),
+    *("output", "output_moment", "output_shift", "correction", "correction_shift"),
+    *("feedback", "feedback_shift", "feedforward", "feedforward_shift"),
+    *("output_gain", "output_gain_shift"),
+    *("compensator_order", "compensator_outputs", "compensator_shift", "compensator_output_shift"),
+    *("compensator_a", "compensator_b", "compensator_e", "compensator_c", "compensator_d"),
+    *("predict_steps", "actuator_rate", "trigger_epsilon_squared", "trigger_floor"),
+)
+"""Fields of the calibration that decide the loop."""
+MODELLED = ("control_law", "event_trigger", "fixed_point", "observer", "schedule")
+"""Modules of the firmware that the checker repeats in rationals."""
+MOST_LOST = 3
+"""Commands lost in a row that are tried."""
+SCALING = 1e-3
+"""Relative allowance for the fixed-point factors between raw signals and the ECU's units."""
+EVERY_TICK, TRIGGER = "every tick", "event trigger"
+ASSUMPTIONS = (
+    "the car is linear: the tyres, springs and actuators of each condition stay in their linear "
+    "range, and no moment, slew or corner limit acts",
+    "the ECU samples at its tick; the whole delay from sample to force, which may change every "
+    "tick within its bounds without commands overtaking each other, lies in the command",
+    "no frame of the sensors is lost, and the delivered moment is reported within its resolution",
+    "the estimates of offsets and the speed stand still",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """A certificate and what it lacks.
+
+    Attributes:
+        content: of the file.
+        delay: bounds from sample to force, without the sensor's low-pass, s.
+        unproved: conditions in which "every tick" is not proved.
+        triggered: whether the event trigger is part of every condition; None without one.
+        lost: commands in a row that may be lost in every condition.
+    """
+
+    content: dict[str, Any]
+    delay: tuple[float, float]
+    unproved: tuple[Member, ...]
+    triggered: bool | None
+    lost: int
+
+    @property
+    def proved(self) -> bool:
+        """Whether the loop is proved stable in every condition."""
+        return not self.unproved
+
+    def worst(self, name: str) -> tuple[float, float]:
+        """Return the largest roll angle (degrees) and moment (N·m) of the claims of a name."""
+        claims = [
+            claim
+            for condition in self.content["conditions"]
+            for claim in condition["claims"]
+            if claim["name"] == name
+        ]
+        roll, moment = (
+            max(_float(claim[key]) for claim in claims) for key in ("roll_rad", "moment_nm")
+        )
+        return math.degrees(roll), moment
+
+
+def certify(task: Task, calibration: LoadedCalibration) -> Certificate:
+    """Return the certificate of a calibration on a task's vehicle and delay.
+
+    Raises:
+        CanrollError: the loop of this calibration is none that can be certified.
+    """
+    record = calibration.record
+    refuse_other(record, calibration)
+    family = family_of(task)
+    integers = {name: getattr(record, name) for name in INTEGERS}
+    filtered = family.members[0].filtered
+    delay = (max(task.delay.least - filtered, 0.0), max(task.delay.most - filtered, 0.0))
+    conditions = [condition_of(member, record) for member in family.members]
+    resolution = resolutions(task.vehicle, record)
+    content: dict[str, Any] = {
+        "format": FORMAT,
+        "source": _source(task, calibration),
+        "assumptions": list(ASSUMPTIONS),
+        "integers": integers,
+        "conditions": conditions,
+    }
+
+    def claims(name: str, most: float, *, trigger: bool = False) -> Iterator[bool]:
+        for condition in conditions:
+            claim = prove(
+                integers,
+                condition,
+                name=name,
+                delay=(delay[0], most),
+                resolution=resolution,
+                trigger=trigger,
+            )
+            if claim is not None:
+                condition["claims"].append(claim)
+            yield claim is not None
+
+    proved = list(claims(EVERY_TICK, delay[1]))
+    unproved = [member for member, fine in zip(family.members, proved, strict=True) if not fine]
+    triggered = None
+    lost = 0
+    if record.event_trigger:
+        triggered = not unproved and all(list(claims(TRIGGER, delay[1], trigger=True)))
+    if not unproved:
+        lost = _lost(conditions, claims, delay[1], task.tick)
+    content["sha256"] = checker.digest(content)
+    return Certificate(content, delay, tuple(unproved), triggered, lost)
+
+
+def _lost(conditions: Sequence[dict[str, Any]], claims: Any, most: float, tick: float) -> int:  # noqa: ANN401
+    """Add the claims of lost commands; return how many may be lost in every condition."""
+    for count in range(1, MOST_LOST + 1):
+        name = f"{count} lost"
+        if not all(claims(name, most + count * tick)):
+            for condition in conditions:
+                condition["claims"] = [c for c in condition["claims"] if c["name"] != name]
+            return count - 1
+    return MOST_LOST
+
+
+def refuse_other(record: Calibration, calibration: LoadedCalibration) -> None:
+    """Raise CanrollError for a loop that is not linear with constant coefficients."""
+    reason = ""
+    if calibration.stage is not None:
+        reason = f"its own stage {calibration.stage.name} is no linear part of the loop"
+    elif record.observer == fw.PROPAGATED_COVARIANCE:
+        reason = "the gains of its observer change at run time; design with --observer two_sensors"
+    elif record.observer == fw.BYPASS:
+        reason = "it reads the true state, which no sensor measures; choose another --observer"
+    elif record.identification:
+        reason = "its model is identified at run time; design without --identification"
+    elif record.actuator >= fw.DAMPERS:
+        reason = "the commands of dampers and valves are no moments; choose another --actuator"
+    if reason:
+        raise CanrollError(f"{calibration.path}: cannot be certified: {reason}")
+
+
+def condition_of(member: Member, record: Calibration) -> dict[str, Any]:
+    """Return the data of a condition, as yet without claims."""
+    plant = member.plant
+    return {
+        "name": str(member.condition),
+        "speed": member.condition.speed,
+        "gain_factor": gain_factor(record, member.condition.speed),
+        "a": texts(plant.a),
+        "b": texts(plant.command / (1 << fw.Q_MOMENT)),
+        "readings": texts(plant.measured[[0, 1, 3]]),
+        "roll": texts(member.roll),
+        "claims": [],
+    }
+
+
+def gain_factor(record: Calibration, speed: float) -> int:
+    """Return the factor of the ECU's schedule (Q28) at a speed, m/s; of a roll model that of 80."""
+    ecu = Ecu()
+    ecu.speed = round((speed or 80 / 3.6) * (1 << fw.Q_SPEED))
+    ecu.fresh[RX_VEHICLE_MOTION] = 1
+    schedule(ecu, record)
+    return ecu.gain_factor
+
+
+def resolutions(vehicle: Vehicle, record: Calibration) -> list[str]:
+    """Return half a resolution of roll rate, a_y, delivered moment, past and new command.
+
+    In the ECU's units, with the rounding to them; the signals are those of ``roll_control.dbc``.
+    """
+    imu, state = dbc.message("Imu"), dbc.message("ActuatorState")
+
+    def step(message: Any, name: str) -> float:  # noqa: ANN401 - of cantools
+        return (1.0 + SCALING) * float(message.get_signal_by_name(name).scale)
+
+    if record.actuator == fw.BARS:
+        bars = dbc.message("AntiRollBarCommand")
+        command = step(bars, "TorqueFront") + step(bars, "TorqueRear")
+    else:
+        force = step(dbc.message("SuspensionForceCommand"), "ForceFrontLeft")
+        geometry = vehicle.geometry
+        command = 2.0 * force * (geometry.half_track_front + geometry.half_track_rear)
+    delivered = step(state, "DeliveredMomentFront") + step(state, "DeliveredMomentRear")
+    halves = (
+        math.radians(0.5 * step(imu, "RollRate")) * (1 << fw.Q_RATE),
+        0.5 * step(imu, "LateralAcceleration") * (1 << fw.Q_ACCELERATION),
+        *(0.5 * moment * (1 << fw.Q_MOMENT) for moment in (delivered, command, command)),
+    )
+    # the split over axles and corners rounds a few times more
+    return [str(math.ceil(half) + 4) for half in halves]
+
+
+def _source(task: Task, calibration: LoadedCalibration) -> Mapping[str, Any]:
+    code = hashlib.sha256()
+    for name in MODELLED:
+        code.update((Path(firmware.__file__).parent / f"{name}.py").read_bytes())
+    return {
+        "law": calibration.law,
+        "calibration_sha256": hashlib.sha256(calibration.path.read_bytes()).hexdigest(),
+        "vehicle": task.vehicle.reference,
+        "vehicle_sha256": task.vehicle.fingerprint,
+        "actuator": task.actuator,
+        "delay_s": [task.delay.least, task.delay.most],
+        "firmware_sha256": code.hexdigest(),
+    }
+
+
+def _float(text: str) -> float:
+    above, _, below = text.partition("/")
+    return float(np.nextafter(int(above) / int(below or 1), math.inf))

@@ -1,0 +1,42 @@
+"""Calibrations and their certificates, made once."""
+
+from functools import cache
+
+import pytest
+
+import vehicles
+from gain_gen.calibration import calibration_file
+from gain_gen.calibration.calibration_file import LoadedCalibration
+from gain_gen.calibration.freeze import calibrate
+from gain_gen.calibration.quantise import Options
+from gain_gen.design import design
+from gain_gen.margin_report import task_of
+from gain_gen.models.task import Delay, Task
+
+DELAY = Delay(0.0144, 0.0056, 0.0231)
+"""Of van_real on a bus of 500 kbit/s."""
+
+
+@pytest.fixture(scope="session")
+def calibrated(tmp_path_factory):
+    """Return the loaded calibration of a law on the van."""
+
+    @cache
+    def of(law: str, delay: Delay = DELAY) -> LoadedCalibration:
+        task = Task(vehicles.load("van_real"), delay, actuator="bars")
+        record, tables = calibrate(design(law, task), Options())
+        path = tmp_path_factory.mktemp("certificate") / "calibration.toml"
+        calibration_file.save(path, record, tables)
+        return calibration_file.load(path)
+
+    return of
+
+
+@pytest.fixture(scope="session")
+def certified(calibrated):
+    """Return the certificate of an output feedback."""
+    pytest.importorskip("flint")
+    from gain_gen.certificate.certificate import certify
+
+    calibration = calibrated("hinf_delay")
+    return certify(task_of(calibration), calibration)

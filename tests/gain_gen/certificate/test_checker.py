@@ -1,0 +1,189 @@
+"""The checker: it needs nothing of the project, and refuses what is not proved."""
+
+import ast
+import copy
+import io
+import json
+import random
+import subprocess
+import sys
+import tokenize
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("flint")
+
+from gain_gen.certificate import checker
+
+SOURCE = Path(checker.__file__).read_text(encoding="utf-8")
+MUTATIONS = 200
+
+
+@pytest.fixture(scope="module")
+def certificate(certified):
+    """Two conditions of the certificate of an output feedback, each with two claims."""
+    content = json.loads(json.dumps(certified.content))
+    content["conditions"] = content["conditions"][:2]
+    for condition in content["conditions"]:
+        condition["claims"] = condition["claims"][:2]
+    assert [c["name"] for c in content["conditions"][0]["claims"]] == [
+        "every tick",
+        "event trigger",
+    ]
+    return signed(content)
+
+
+def signed(content):
+    """Return the contents with the digest that belongs to them."""
+    content["sha256"] = checker.digest(content)
+    return content
+
+
+def leaves(node, path=()):
+    """Yield the paths to all numbers of a certificate, and those written as texts."""
+    items = node.items() if isinstance(node, dict) else enumerate(node)
+    for key, value in items:
+        if isinstance(value, dict | list):
+            yield from leaves(value, (*path, key))
+        elif not isinstance(value, str) or value.lstrip("-")[:1].isdigit():
+            yield (*path, key)
+
+
+def changed(content, path, change):
+    """Return a copy in which the value at ``path`` is changed."""
+    content = copy.deepcopy(content)
+    node = content
+    for key in path[:-1]:
+        node = node[key]
+    node[path[-1]] = change(node[path[-1]])
+    return content
+
+
+def other(value):
+    """Return another number of the same kind."""
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int | float):
+        return value + 1
+    if not value.lstrip("-").replace("/", "").isdigit():
+        return value[:-1] + ("0" if value[-1] != "0" else "1")
+    return str(Fraction(value) * Fraction(1000001, 1000000) + Fraction(1, 1 << 60))
+
+
+def test_it_accepts_what_is_proved(certificate):
+    assert checker.check(certificate) == ""
+
+
+def test_it_has_at_most_200_lines_of_code_and_imports_nothing_of_the_project():
+    tree = ast.parse(SOURCE)
+    kinds = ast.Module | ast.ClassDef | ast.FunctionDef
+    described = [n for n in ast.walk(tree) if isinstance(n, kinds) and ast.get_docstring(n)]
+    docstrings = {
+        line for n in described for line in range(n.body[0].lineno, n.body[0].end_lineno + 1)
+    }
+    silent = (tokenize.NL, tokenize.NEWLINE, tokenize.COMMENT, tokenize.INDENT, tokenize.DEDENT)
+    code = set()
+    for token in tokenize.generate_tokens(io.StringIO(SOURCE).readline):
+        if token.type not in (*silent, tokenize.ENDMARKER):
+            code.update(range(token.start[0], token.end[0] + 1))
+    assert 100 < len(code - docstrings) <= 200
+    modules = {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}
+    modules |= {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
+    assert {module.partition(".")[0] for module in modules} <= {*sys.stdlib_module_names, "flint"}
+
+
+def test_it_runs_alone_and_compares_the_integers(certificate, calibrated, tmp_path):
+    (tmp_path / "check.py").write_text(SOURCE, encoding="utf-8")
+    (tmp_path / "certificate.json").write_text(json.dumps(certificate), encoding="utf-8")
+    other_file = calibrated("lqr").path
+
+    def answer(calibration):
+        command = [sys.executable, "-I", "check.py", "certificate.json", str(calibration)]
+        done = subprocess.run(
+            command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+        )
+        return done.returncode, done.stdout
+
+    assert answer(calibrated("hinf_delay").path) == (0, "yes: every claim is proved\n")
+    code, text = answer(other_file)
+    assert code == 1
+    assert "integers are not those" in text
+
+
+def test_no_changed_number_passes(certificate):
+    paths = list(leaves(certificate))
+    assert len(paths) > 10 * MUTATIONS
+    draw = random.Random(1)
+    for path in draw.sample(paths, MUTATIONS):
+        mutated = changed(certificate, path, other)
+        assert mutated != certificate
+        assert checker.check(mutated), path
+
+
+CLAIM = ("conditions", 1, "claims", 0)
+TRIGGER = ("conditions", 1, "claims", 1)
+
+
+def less(value):
+    return str(Fraction(value) * Fraction(999, 1000))
+
+
+def negated(value):
+    return str(-Fraction(value))
+
+
+@pytest.mark.parametrize(
+    ("path", "change"),
+    [
+        ((*CLAIM, "roll_rad"), less),
+        ((*CLAIM, "moment_nm"), less),
+        ((*TRIGGER, "roll_rad"), less),
+        ((*TRIGGER, "moment_nm"), less),
+        ((*CLAIM, "decay"), lambda _: "1/2"),
+        ((*CLAIM, "decay"), lambda _: "1"),
+        ((*CLAIM, "slack"), lambda _: "0"),
+        ((*CLAIM, "growth"), lambda _: "0"),
+        ((*CLAIM, "growth"), negated),
+        ((*CLAIM, "cells"), lambda _: 2),
+        ((*CLAIM, "cells"), lambda _: 0),
+        ((*CLAIM, "trigger"), lambda _: True),
+        ((*CLAIM, "trigger_weight"), negated),
+        ((*CLAIM, "delay", 1), lambda _: "1/5"),
+        ((*CLAIM, "delay", 1), lambda _: "1/400"),
+        ((*CLAIM, "delay", 0), lambda _: "-1/1000"),
+        ((*CLAIM, "resolution", 0), lambda value: str(2 * int(value))),
+        ((*CLAIM, "resolution", 4), negated),
+        ((*CLAIM, "p", 0, 0), negated),
+        ((*CLAIM, "p", 0, 1), less),
+        ((*CLAIM, "p"), lambda rows: rows[:-1]),
+        ((*CLAIM, "channels"), lambda channels: channels[:-1]),
+        ((*CLAIM, "channels"), lambda channels: [*channels, channels[0]]),
+        ((*CLAIM, "channels", 0, "weight"), negated),
+        ((*CLAIM, "channels", 0, "weight"), lambda value: str(Fraction(value) / 10**6)),
+        ((*CLAIM, "channels", 0, "centre", 0, 0), lambda value: str(Fraction(value) + 1)),
+        ((*CLAIM, "channels", 0, "generators", 1, 1), lambda value: str(Fraction(value) + 1)),
+        ((*CLAIM, "channels", 0, "onto", 0, 10), lambda value: str(Fraction(value) + 10**9)),
+        (("conditions", 1, "gain_factor"), lambda value: 8 * value),
+        (("conditions", 1, "gain_factor"), lambda value: -4 * value),
+        (("conditions", 1, "b", 10, 0), lambda value: str(8 * Fraction(value))),
+        (("conditions", 1, "a", 2, 2), lambda _: "100"),
+        (("integers", "output_gain", 0), lambda value: 8 * value),
+        (("integers", "output_gain_shift"), lambda value: value - 3),
+        (("integers", "trigger_epsilon_squared"), lambda _: 1 << 20),
+        (("integers", "trigger_floor"), lambda value: 2 * value),
+    ],
+)
+def test_mathematics_refuses_what_is_not_proved_with_the_right_digest(certificate, path, change):
+    mutated = changed(certificate, path, change)
+    assert mutated != certificate
+    assert checker.check(signed(mutated))
+
+
+def test_positive_definite_matrices():
+    assert checker.positive(checker.balls([["2", "1"], ["1", "2"]]))
+    assert not checker.positive(checker.balls([["1", "1"], ["1", "1"]]))
+    assert not checker.positive(checker.balls([["1", "2"], ["2", "1"]]))
+    # a ball that touches zero decides nothing
+    assert not checker.positive(checker.arb_mat([[checker.arb(1, 1)]]))
