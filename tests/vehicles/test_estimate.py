@@ -82,7 +82,7 @@ def test_every_number_says_whether_it_was_estimated():
         ("van", {"mass": None}, "a vehicle needs its mass"),
         ("van", {"mass": -1.0}, "mass -1: must be 300 to 40000"),
         ("van", {"front_share": 0.0}, "front_share 0: must be positive"),
-        ("van", {"heigth": 2.0}, "did you mean 'height'"),
+        ("van", {"heights": 2.0}, "did you mean 'height'"),
         ("van", {"track": 1.0, "height": 4.4}, "roll_stiffness"),
     ],
 )
