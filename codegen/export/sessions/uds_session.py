@@ -15,7 +15,12 @@ UDS over ISO-TP by physical addressing, beside the loop.
 Own one more record, `static canroll_uds uds;`. After `canroll_init` call
 `canroll_uds_init(&uds, &ecu)`; `canroll_uds_receive` for each frame of the tester, also in an
 interrupt; `canroll_uds_tick` after each `canroll_tick`, with the calibration that it ran on; then
-send `uds.tx_payload`, eight bytes, where `uds.tx_pending` is 1, and clear it. Identifiers:
+send `uds.tx_payload`, eight bytes, where `uds.tx_pending` is 1, and clear it:
+
+    canroll_tick(&ecu, &calibration, elapsed);
+    canroll_uds_tick(&uds, &ecu, &calibration, elapsed);
+
+Identifiers:
 {request} to the ECU, {response} from it.
 
 | service | |

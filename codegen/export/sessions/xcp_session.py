@@ -25,7 +25,11 @@ names `ecu` and `calibration`: those of `canroll.a2l`, {state} and {page} until
 `canroll export-c DIR --elf` puts in those of your image. `canroll_xcp_receive` for each frame of
 the tool, also in an interrupt. After each `canroll_tick`, which runs on `&working` where
 `xcp.ecu_page` is 1, call `canroll_xcp_tick`, then send each slot with `xcp.tx_pending[slot]` and
-clear it.
+clear it:
+
+    canroll_tick(&ecu, (xcp.ecu_page == 1) ? &working : &calibration, elapsed);
+    canroll_xcp_tick(&xcp, &ecu, &calibration, &working, elapsed);
+
 Identifiers: {master} to the ECU, {slave} from it.
 
 The loop changes to the working page only when `check` accepts it; the tool gets error 0x26 with the
