@@ -1,7 +1,9 @@
 """The attacks of the suite, each as what an attacker sends in a millisecond."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import wraps
+from typing import Concatenate, ParamSpec
 
 from hil.attacks.attacker import Ear, Forge, Forged, Heard
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
@@ -81,6 +83,25 @@ def attacks(command: str) -> tuple[Attack, ...]:
     return tuple(found)
 
 
+P = ParamSpec("P")
+
+
+def answering(
+    answer: Callable[Concatenate[Ear, Heard, P], Iterator[Forged]],
+) -> Callable[Concatenate[str, P], Forge]:
+    """Return the attack that answers each frame of a message, the first argument, by ``answer``."""
+
+    @wraps(answer)
+    def attack(message: str, /, *args: P.args, **others: P.kwargs) -> Forge:
+        def forge(ear: Ear) -> Iterator[Forged]:
+            for heard in ear.heard(message):
+                yield from answer(ear, heard, *args, **others)
+
+        return forge
+
+    return attack
+
+
 def spoof(message: str, values: Mapping[str, float]) -> Forge:
     """Answer each frame with one that says other ``values``, right in all but the MAC."""
 
@@ -94,110 +115,78 @@ def spoof(message: str, values: Mapping[str, float]) -> Forge:
     return forge
 
 
-def replay(message: str, delay_ns: int) -> Forge:
+@answering
+def replay(ear: Ear, heard: Heard, delay_ns: int) -> Iterator[Forged]:
     """Send each frame once more."""
-
-    def forge(ear: Ear) -> Iterator[Forged]:
-        for heard in ear.heard(message):
-            yield ear.forged(heard.row, heard.payload, delay_ns)
-
-    return forge
+    yield ear.forged(heard.row, heard.payload, delay_ns)
 
 
-def replay_first(message: str) -> Forge:
+@answering
+def replay_first(ear: Ear, heard: Heard) -> Iterator[Forged]:
     """Answer each frame with the first that was heard."""
-
-    def forge(ear: Ear) -> Iterator[Forged]:
-        for heard in ear.heard(message):
-            first = next(old for old in ear.all if old.row == heard.row)
-            yield ear.forged(heard.row, first.payload)
-
-    return forge
+    first = next(old for old in ear.all if old.row == heard.row)
+    yield ear.forged(heard.row, first.payload)
 
 
-def flip(message: str) -> Forge:
+@answering
+def flip(ear: Ear, heard: Heard) -> Iterator[Forged]:
     """Answer each frame with one that has a wrong bit, its checksum right or not."""
-
-    def forge(ear: Ear) -> Iterator[Forged]:
-        for heard in ear.heard(message):
-            payload = ear.following(heard)
-            bit = int(ear.random.integers(8 * heard.length))
-            payload[bit // 8] ^= 1 << bit % 8
-            if ear.random.random() < 0.5:
-                ear.finished(heard.row, payload)
-            yield ear.forged(heard.row, payload)
-
-    return forge
+    payload = ear.following(heard)
+    bit = int(ear.random.integers(8 * heard.length))
+    payload[bit // 8] ^= 1 << bit % 8
+    if ear.random.random() < 0.5:
+        ear.finished(heard.row, payload)
+    yield ear.forged(heard.row, payload)
 
 
-def guess(message: str) -> Forge:
+@answering
+def guess(ear: Ear, heard: Heard) -> Iterator[Forged]:
     """Answer each frame with one of a random MAC; on a plain bus, of random signals."""
-
-    def forge(ear: Ear) -> Iterator[Forged]:
-        for heard in ear.heard(message):
-            payload = ear.following(heard)
-            at = slice(authentication.MAC_AT, authentication.SECURED)
-            if not ear.secured:
-                at = slice(2, heard.length)
-            payload[at] = ear.random.integers(0, 256, at.stop - at.start)
-            yield ear.forged(heard.row, ear.finished(heard.row, payload))
-
-    return forge
+    payload = ear.following(heard)
+    at = slice(authentication.MAC_AT, authentication.SECURED)
+    if not ear.secured:
+        at = slice(2, heard.length)
+    payload[at] = ear.random.integers(0, 256, at.stop - at.start)
+    yield ear.forged(heard.row, ear.finished(heard.row, payload))
 
 
-def disguise(message: str) -> Forge:
+@answering
+def disguise(ear: Ear, heard: Heard) -> Iterator[Forged]:
     """Answer each frame with the newest bytes of another message of the same direction."""
-
-    def forge(ear: Ear) -> Iterator[Forged]:
-        for heard in ear.heard(message):
-            others = (old for old in reversed(ear.all) if old.row != heard.row)
-            other = next(others, None)
-            if other is not None:
-                yield ear.forged(heard.row, ear.finished(heard.row, ear.following(other)))
-
-    return forge
+    others = (old for old in reversed(ear.all) if old.row != heard.row)
+    other = next(others, None)
+    if other is not None:
+        yield ear.forged(heard.row, ear.finished(heard.row, ear.following(other)))
 
 
-def resize(message: str, lengths: tuple[int, ...]) -> Forge:
+@answering
+def resize(ear: Ear, heard: Heard, lengths: tuple[int, ...]) -> Iterator[Forged]:
     """Answer each frame with one of another length."""
-
-    def forge(ear: Ear) -> Iterator[Forged]:
-        for heard in ear.heard(message):
-            flags = int(ear.tables.message[heard.row, codec.FLAGS])
-            payload = ear.finished(heard.row, ear.following(heard))
-            fit = [n for n in lengths if n != heard.length and (n <= 8 or flags & FD)]
-            length = fit[int(ear.random.integers(len(fit)))]
-            yield Forged(heard.row, length, flags, payload)
-
-    return forge
+    flags = int(ear.tables.message[heard.row, codec.FLAGS])
+    payload = ear.finished(heard.row, ear.following(heard))
+    fit = [n for n in lengths if n != heard.length and (n <= 8 or flags & FD)]
+    length = fit[int(ear.random.integers(len(fit)))]
+    yield Forged(heard.row, length, flags, payload)
 
 
-def reformat(message: str, flag: int) -> Forge:
+@answering
+def reformat(ear: Ear, heard: Heard, flag: int) -> Iterator[Forged]:
     """Answer each frame with one of the other format."""
-
-    def forge(ear: Ear) -> Iterator[Forged]:
-        for heard in ear.heard(message):
-            flags = heard.flags ^ flag
-            if not flags & FD:
-                flags &= ~BIT_RATE_SWITCH
-            length = heard.length if flags & FD else min(heard.length, 8)
-            payload = ear.finished(heard.row, ear.following(heard))
-            yield Forged(heard.row, length, flags, payload)
-
-    return forge
+    flags = heard.flags ^ flag
+    if not flags & FD:
+        flags &= ~BIT_RATE_SWITCH
+    length = heard.length if flags & FD else min(heard.length, 8)
+    payload = ear.finished(heard.row, ear.following(heard))
+    yield Forged(heard.row, length, flags, payload)
 
 
-def jump(message: str, starts: int, count: int) -> Forge:
+@answering
+def jump(ear: Ear, heard: Heard, starts: int, count: int) -> Iterator[Forged]:
     """Answer each frame with the same bytes and a later freshness value."""
-
-    def forge(ear: Ear) -> Iterator[Forged]:
-        for heard in ear.heard(message):
-            payload = ear.following(heard)
-            if ear.secured:
-                ear.jump(payload, starts, count)
-            yield ear.forged(heard.row, ear.finished(heard.row, payload))
-
-    return forge
+    payload = ear.following(heard)
+    if ear.secured:
+        ear.jump(payload, starts, count)
+    yield ear.forged(heard.row, ear.finished(heard.row, payload))
 
 
 def flood(message: str) -> Forge:
