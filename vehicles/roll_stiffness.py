@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from canroll.errors import CanrollError
-from vehicles.axles import axles
+from vehicles.axles import Axle, axles
 from vehicles.model import GRAVITY, Vehicle
 
 
@@ -31,13 +31,22 @@ def steady_roll(
         carried: moment transmitted by actuators from the body to the front and the rear axle, per
             lateral acceleration, N·m per m/s².
     """
+    return _steady_roll(vehicle, axles(vehicle), suspension_stiffness, carried)
+
+
+def _steady_roll(
+    vehicle: Vehicle,
+    both: tuple[Axle, Axle],
+    suspension_stiffness: float,
+    carried: tuple[float, float] = (0.0, 0.0),
+) -> tuple[float, float, float]:
     plant, tyre = vehicle.plant, vehicle.tyre
     total, wheelbase = vehicle.total_mass, vehicle.geometry.wheelbase
     matrix, right = np.zeros((3, 3)), np.zeros(3)
     matrix[0, 0] = suspension_stiffness - plant.roll_arm * GRAVITY
     right[0] = plant.roll_arm - sum(carried)
     spinning = 2 * tyre.wheel_inertia / tyre.radius
-    for i, axle in enumerate(axles(vehicle)):
+    for i, axle in enumerate(both):
         stiffness = axle.roll_share * suspension_stiffness
         sprung = total * axle.opposite / wheelbase - axle.unsprung
         on_road = sprung * axle.roll_centre + axle.unsprung * tyre.radius
@@ -60,10 +69,10 @@ def suspension_roll_stiffness(vehicle: Vehicle) -> float:
         CanrollError: the tyres alone cause more roll than the plant's roll model has.
     """
     plant = vehicle.plant
-    wanted = plant.roll_arm / plant.effective_stiffness
+    wanted, both = plant.roll_arm / plant.effective_stiffness, axles(vehicle)
 
     def excess(stiffness: float) -> float:
-        return steady_roll(vehicle, stiffness)[0] - wanted
+        return _steady_roll(vehicle, both, stiffness)[0] - wanted
 
     hardest = 100 * plant.roll_stiffness
     if excess(hardest) >= 0:

@@ -11,7 +11,7 @@ Forces are along the wheel and to its left, the moment is about the road's norma
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from math import atan, cos, sin
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
@@ -132,7 +132,7 @@ class Similarity(TyreModel):
     @property
     def parameters(self) -> tuple[float, ...]:
         """Inverse of the static load, then the other fields."""
-        return (1.0 / self.static_load, *astuple(self)[1:])
+        return (1.0 / self.static_load, *(getattr(self, name) for name in self.NUMBERS[1:]))
 
     @property
     def load_sensitive(self) -> bool:

@@ -75,16 +75,16 @@ def build_parameters(vehicle: Vehicle) -> Vector:
     car["roll_inertia"] = plant.inertia_about_cg
     car["pitch_inertia"] = vehicle.mass.pitch_inertia
     car["yaw_inertia"] = vehicle.sprung_yaw_inertia
+    stiffness = suspension_roll_stiffness(vehicle)
     for k, axle in enumerate(axles(vehicle)):
-        _fill_axle(car["axle"][k], axle, vehicle)
-        for side in range(2):
-            for name, value in _wheel(axle, vehicle).items():
-                car[name][2 * k + side] = value
-            car["side"][2 * k + side] *= 1.0 - 2.0 * side
+        _fill_axle(car["axle"][k], axle, axle.bar(stiffness), vehicle)
+        for name, value in _wheel(axle, vehicle).items():
+            car[name][2 * k : 2 * k + 2] = value
+        car["side"][2 * k + 1] = -axle.half_track
     return record.view(np.float64)
 
 
-def _fill_axle(record: Any, axle: Axle, vehicle: Vehicle) -> None:  # noqa: ANN401
+def _fill_axle(record: Any, axle: Axle, bar: float, vehicle: Vehicle) -> None:  # noqa: ANN401
     suspension = vehicle.suspension
     record["half_track"] = axle.half_track
     record["roll_centre"] = axle.roll_centre
@@ -92,7 +92,6 @@ def _fill_axle(record: Any, axle: Axle, vehicle: Vehicle) -> None:  # noqa: ANN4
     record["preload"] = axle.wheel_load - 0.5 * axle.unsprung * GRAVITY
     record["spring"] = axle.spring
     record["per_track"] = 1.0 / (2 * axle.half_track)
-    bar = axle.bar(suspension_roll_stiffness(vehicle))
     if bar < 0:
         raise CanrollError(
             f"{vehicle.name}: suspension.spring_rate_{axle.name} {axle.spring:g} N/m gives "

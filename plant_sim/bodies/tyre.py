@@ -98,4 +98,5 @@ def forces_of(tyre: TyreModel, *arguments: float) -> tuple[float, float, float]:
 def fill(axle: Any, tyre: TyreModel) -> None:  # noqa: ANN401
     """Fill an axle's record with the tyre on it."""
     axle["tyre_model"] = list(TYRES.values()).index(type(tyre))
-    axle["tyre"][: len(tyre.parameters)] = tyre.parameters
+    parameters = tyre.parameters
+    axle["tyre"][: len(parameters)] = parameters
