@@ -2,8 +2,12 @@
 
 from dataclasses import dataclass
 
-from vehicles.model import GRAVITY, Vehicle
-from vehicles.tyres import TYRES, TyreModel
+from vehicles.magic_formula import MagicFormula
+from vehicles.model import Vehicle
+from vehicles.tyres import Similarity, TyreModel
+
+TYRES: dict[str, type[TyreModel]] = {"similarity": Similarity, "magic_formula": MagicFormula}
+"""Tyre models by name, in the order of their kernels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +26,8 @@ class Axle:
         spring: rate of one spring at the wheel, N/m.
         roll_share: of the suspension's roll stiffness.
         roll_damping: its part of the body's, N·m·s/rad.
-        tyre_model: name in :data:`vehicles.tyres.TYRES`.
+        relaxation_length: of one tyre, m.
+        tyre_model: name in :data:`TYRES`.
         tyre: one tyre.
     """
 
@@ -37,6 +42,7 @@ class Axle:
     spring: float
     roll_share: float
     roll_damping: float
+    relaxation_length: float
     tyre_model: str
     tyre: TyreModel
 
@@ -62,16 +68,18 @@ def axles(vehicle: Vehicle) -> tuple[Axle, Axle]:
     """Front and rear axle of a vehicle."""
     geometry, mass, suspension = vehicle.geometry, vehicle.mass, vehicle.suspension
     places = geometry.cg_to_front_axle, geometry.cg_to_rear_axle
-    weight = vehicle.total_mass * GRAVITY / (2 * geometry.wheelbase)
+    wheel_loads = vehicle.wheel_loads
     damping_share, share = suspension.roll_damping_front_share, geometry.static_front_share
     roll_share = suspension.roll_stiffness_front_share
     tracks = geometry.half_track_front, geometry.half_track_rear
     roll_centres = geometry.roll_centre_height_front, geometry.roll_centre_height_rear
     unsprung = mass.unsprung_front, mass.unsprung_rear
+    model = "similarity" if vehicle.magic_formula is None else "magic_formula"
     springs = suspension.spring_rate_front, suspension.spring_rate_rear
 
     def axle(i: int) -> Axle:
-        wheel_load = weight * places[1 - i]
+        wheel_load = wheel_loads[i]
+        tyre = TYRES[model].of_axle(vehicle, i, wheel_load)
         return Axle(
             name=("front", "rear")[i],
             ahead=(places[0], -places[1])[i],
@@ -84,8 +92,9 @@ def axles(vehicle: Vehicle) -> tuple[Axle, Axle]:
             spring=springs[i],
             roll_share=(roll_share, 1.0 - roll_share)[i],
             roll_damping=(damping_share, 1.0 - damping_share)[i] * vehicle.plant.roll_damping,
-            tyre_model="similarity",
-            tyre=TYRES["similarity"].of_axle(vehicle, i, wheel_load),
+            relaxation_length=tyre.relaxation(wheel_load) or vehicle.tyre.relaxation_length,
+            tyre_model=model,
+            tyre=tyre,
         )
 
     return axle(0), axle(1)

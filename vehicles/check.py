@@ -7,7 +7,14 @@ from typing import Any
 
 from vehicles.model import RollModel, Vehicle
 
-SIGNED = ("imu_position", "imu_misalignment", "bias", "roll_centre_height", "tyre.curvature")
+SIGNED = (
+    "imu_position",
+    "imu_misalignment",
+    "bias",
+    "roll_centre_height",
+    "tyre.curvature",
+    "magic_formula",
+)
 """Keys whose numbers may be negative; every other number of a vehicle must not be."""
 
 MAY_BE_ZERO = (
@@ -23,6 +30,9 @@ MAY_BE_ZERO = (
     "firm_force",
     "dampers.rate",
 )
+
+SLOPES = ("friction_load_slope", "cornering_load_slope")
+"""Keys that may be negative where they follow from a tyre's file."""
 
 
 def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:  # noqa: ANN401
@@ -43,12 +53,13 @@ def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:  # noqa: ANN
 
 def signs(vehicle: Vehicle) -> Iterator[str]:
     """Numbers that are not finite, negative, or zero where they must not be, one line each."""
+    following = SLOPES if vehicle.magic_formula is not None else ()
     for path, value in _numbers(vehicle, ""):
         if not isfinite(value):
             yield f"{path} = {value}: not a finite number"
-        elif value < 0 and not any(key in path for key in SIGNED):
+        elif value < 0 and not any(key in path for key in (*SIGNED, *following)):
             yield f"{path} = {value:g}: must not be negative"
-        elif value == 0 and not any(key in path for key in SIGNED + MAY_BE_ZERO):
+        elif value == 0 and not any(key in path for key in (*SIGNED, *MAY_BE_ZERO)):
             yield f"{path} = 0: must be positive"
 
 
@@ -110,11 +121,11 @@ def _consistency(vehicle: Vehicle) -> Iterator[str]:
             yield f"suspension.{key} = {value:g}: must be between 0 and 1"
     tyre = vehicle.tyre
     for key in ("friction_load_slope", "cornering_load_slope"):
-        if getattr(tyre, key) >= 0.5:
+        if vehicle.magic_formula is None and getattr(tyre, key) >= 0.5:
             yield f"tyre.{key} = {getattr(tyre, key):g}: from 0.5 on, grip would fall with load"
-    if not 1 <= tyre.shape < 2:
+    if vehicle.magic_formula is None and not 1 <= tyre.shape < 2:
         yield f"tyre.shape = {tyre.shape:g}: the magic formula's C lies in [1, 2)"
-    if tyre.curvature > 1:
+    if vehicle.magic_formula is None and tyre.curvature > 1:
         yield f"tyre.curvature = {tyre.curvature:g}: the magic formula's E is at most 1"
     dampers = vehicle.actuators.dampers
     count = len(dampers.rate)

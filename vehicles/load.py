@@ -10,6 +10,7 @@ from canroll.arguments import checked
 from canroll.documents import parse_toml, refuse_other
 from canroll.documents import text as read_text
 from canroll.errors import CanrollError, UnknownNameError, reason
+from vehicles import tyre_files
 from vehicles.check import problems, signs
 from vehicles.model import SCHEMA, Empty, Vehicle
 from vehicles.plausible import implausible, outside
@@ -97,6 +98,7 @@ def _checked(
     unusual = table.pop("unusual", [])
     if not isinstance(unusual, list) or not all(isinstance(key, str) for key in unusual):
         raise CanrollError(f"{where}: 'unusual' must be a list of keys, as 'plant.roll_damping'")
+    table = tyre_files.embedded(table, folder, where)
     if is_short(table):
         origins: list[Vehicle] = []
 
@@ -188,41 +190,51 @@ def from_table(
     _keys(
         table,
         required={"schema", "title", "basis", "maneuvers", "sources", *_SECTIONS},
-        optional=set(_OPTIONAL),
+        optional={*_OPTIONAL, tyre_files.SECTION},
         where=where,
         section="",
     )
     if table["schema"] != SCHEMA:
         raise CanrollError(f"{where}: schema {table['schema']!r}, but this version reads {SCHEMA}")
     hints = get_type_hints(Vehicle)
-    parts = {key: _record(hints[key], table[key], where, key) for key in _SECTIONS}
+    sections = {key: table[key] for key in _SECTIONS}
+    parts: dict[str, Any] = {}
+    if tyre_files.SECTION in table:
+        files = tyre_files.section(table[tyre_files.SECTION], where)
+        parts[tyre_files.SECTION] = files
+        sections["tyre"] = tyre_files.provisional(
+            _table(table["tyre"], where, "tyre"), files, where
+        )
+    parts |= {key: _record(hints[key], sections[key], where, key) for key in _SECTIONS}
     for key, kind in _OPTIONAL.items():
         if key in table:
             parts[key] = _record(kind, table[key], where, key)
     maneuvers = _table(table["maneuvers"], where, "maneuvers")
     _keys(maneuvers, required={"lane_offset", "speed_kmh"}, where=where, section="maneuvers")
     speeds = _table(maneuvers["speed_kmh"], where, "maneuvers.speed_kmh")
-    vehicle = Vehicle(
-        name=name,
-        title=_text(table["title"], where, "title"),
-        basis=_text(table["basis"], where, "basis"),
-        speeds={
-            key: _number(value, where, f"maneuvers.speed_kmh.{key}") / 3.6
-            for key, value in speeds.items()
-        },
-        lane_offset=_number(maneuvers["lane_offset"], where, "maneuvers.lane_offset"),
-        sources={
-            key: _text(value, where, f"sources.{key}")
-            for key, value in _table(table["sources"], where, "sources").items()
-        },
-        **parts,
+    vehicle = tyre_files.followed(
+        Vehicle(
+            name=name,
+            title=_text(table["title"], where, "title"),
+            basis=_text(table["basis"], where, "basis"),
+            speeds={
+                key: _number(value, where, f"maneuvers.speed_kmh.{key}") / 3.6
+                for key, value in speeds.items()
+            },
+            lane_offset=_number(maneuvers["lane_offset"], where, "maneuvers.lane_offset"),
+            sources={
+                key: _text(value, where, f"sources.{key}")
+                for key, value in _table(table["sources"], where, "sources").items()
+            },
+            **parts,
+        )
     )
     if unusual is not None and not any(signs(vehicle)):
         for problem in implausible(vehicle, unusual):
             raise CanrollError(f"{where}: {problem}")
     for problem in problems(vehicle):
         raise CanrollError(f"{where}: {problem}")
-    for section in (*_SECTIONS, *_OPTIONAL, "maneuvers"):
+    for section in (*_SECTIONS, *_OPTIONAL, tyre_files.SECTION, "maneuvers"):
         for key in table.get(section, ()):
             if not vehicle.source(f"{section}.{key}"):
                 raise CanrollError(f"{where}: {section}.{key} has no source: name it in [sources]")

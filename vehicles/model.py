@@ -34,6 +34,7 @@ __all__ = [
     "Steering",
     "Suspension",
     "Tyre",
+    "TyreFiles",
     "Vehicle",
 ]
 
@@ -193,6 +194,17 @@ class Tyre:
 
 
 @dataclass(frozen=True, slots=True)
+class TyreFiles:
+    """Coefficients of the tyres of both axles by the keys of their .tir files.
+
+    See :mod:`vehicles.magic_formula`. ``TYRESIDE`` is 1 for left and -1 for right.
+    """
+
+    front: dict[str, float] = field(hash=False)
+    rear: dict[str, float] = field(hash=False)
+
+
+@dataclass(frozen=True, slots=True)
 class Steering:
     """Steering-wheel to road-wheel ratio, and limits at the road wheels (rad, rad/s)."""
 
@@ -217,6 +229,7 @@ class Vehicle:
     ``lane_offset`` the lateral offset (m) of the double lane change. ``sources`` maps a section or
     ``section.key`` to where its numbers come from. ``file`` is the path of a user's file.
     ``empty`` is the body without load, if the file has it; see :mod:`vehicles.unladen`.
+    ``magic_formula`` has the tyres' coefficients, if they are those of .tir files.
     """
 
     name: str
@@ -237,6 +250,7 @@ class Vehicle:
     sources: dict[str, str] = field(hash=False)
     file: str = ""
     empty: Empty | None = None
+    magic_formula: TyreFiles | None = None
 
     @property
     def reference(self) -> str:
@@ -251,6 +265,10 @@ class Vehicle:
         """
         table = _plain({key: value for key, value in asdict(self).items() if value is not None})
         del table["name"], table["file"]
+        if self.magic_formula is not None:
+            # by name: it reads files of vehicles, which are made of this class
+            kept = resolve_name("vehicles.tyre_files:standing")(self)
+            table["tyre"] = {key: table["tyre"][key] for key in table["tyre"] if key in kept}
         speeds = {name: round(3.6 * speed, 9) for name, speed in table.pop("speeds").items()}
         maneuvers = {"lane_offset": table.pop("lane_offset"), "speed_kmh": speeds}
         return {"schema": SCHEMA, **table, "maneuvers": maneuvers}
@@ -265,6 +283,13 @@ class Vehicle:
     def total_mass(self) -> float:
         """Sprung and unsprung mass together (kg)."""
         return self.plant.sprung_mass + self.mass.unsprung_front + self.mass.unsprung_rear
+
+    @property
+    def wheel_loads(self) -> tuple[float, float]:
+        """Load of one front and one rear wheel at rest (N)."""
+        geometry = self.geometry
+        weight = self.total_mass * GRAVITY / (2 * geometry.wheelbase)
+        return weight * geometry.cg_to_rear_axle, weight * geometry.cg_to_front_axle
 
     @property
     def sprung_cg_offset(self) -> float:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from canroll.errors import CanrollError
+from vehicles import tyre_files
 from vehicles.model import WORDS, Vehicle
 
 GIVEN = "given by this file"
@@ -47,6 +48,7 @@ def completed(
         result["title"] = f"{name}, based on {base.name}"
         result["basis"] = f"numbers of this file on those of {base.name}: {base.basis}"
         result["sources"] = _of(f"base {base.name}", base.sources)
+        result = tyre_files.merged(result, own)
         plant = own.get("plant")
         if isinstance(plant, Mapping):
             if "design" not in own:
@@ -62,14 +64,20 @@ def completed(
             other = read(value)
             if key not in other.document:
                 raise CanrollError(f"{where}: vehicle {value} has no section '{key}'")
-            result[key] = other.document[key]
-            taken = {
-                part: text for part, text in other.sources.items() if part.partition(".")[0] == key
-            }
-            result["sources"] = _without(result["sources"], key) | _of(other.name, taken)
+            for section in (key, tyre_files.SECTION) if key == "tyre" else (key,):
+                result.pop(section, None)
+                if section in other.document:
+                    result[section] = other.document[section]
+                taken = {
+                    part: text
+                    for part, text in other.sources.items()
+                    if part.partition(".")[0] == section
+                }
+                result["sources"] = _without(result["sources"], section) | _of(other.name, taken)
         else:
             result[key] = _merged(result.get(key), value)
-            for path in _leaves(value, key):
+            of_files = key == tyre_files.SECTION and tyre_files.is_complete(value)
+            for path in (f"{key}.{axle}" for axle in value) if of_files else _leaves(value, key):
                 result["sources"][path] = _longest(sources, path) or GIVEN
     return result
 

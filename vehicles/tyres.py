@@ -1,6 +1,6 @@
 """Tyre models by name: what one tyre does, for designs; the kernels of the plant have the same.
 
-A model is a class in :data:`TYRES`. Its ``parameters`` are what its kernel in
+A model is a class in :data:`vehicles.axles.TYRES`. Its ``parameters`` are what its kernel in
 :data:`plant_sim.bodies.tyre.KERNELS` reads; all else follows from that kernel by differences,
 unless the model has it in closed form.
 
@@ -37,7 +37,9 @@ class Stiffness(NamedTuple):
 
 
 class TyreModel(ABC):
-    """One tyre of an axle."""
+    """One tyre of an axle; ``NUMBERS`` are the names of its parameters."""
+
+    NUMBERS: ClassVar[tuple[str, ...]]
 
     @classmethod
     @abstractmethod
@@ -54,19 +56,27 @@ class TyreModel(ABC):
         """Whether two tyres give less lateral force the more their loads differ."""
         return True
 
-    def forces(
+    def forces(  # noqa: PLR0917
         self,
         load: float,
         slip_ratio: float,
         slip_angle: float,
         camber: float = 0.0,
         friction: float = 1.0,
+        hand: float = 1.0,
     ) -> tuple[float, float, float]:
-        """Longitudinal and lateral force (N) and aligning moment (N·m) at ``load`` (N)."""
+        """Longitudinal and lateral force (N) and aligning moment (N·m) at ``load`` (N).
+
+        ``hand`` is 1 for a tyre on the left and -1 for one on the right.
+        """
         forces: tuple[float, float, float] = resolve_name("plant_sim.bodies.tyre:forces_of")(
-            self, load, slip_ratio, slip_angle, camber, friction
+            self, load, slip_ratio, slip_angle, camber, friction, hand
         )
         return forces
+
+    def relaxation(self, load: float) -> float | None:
+        """Lateral relaxation length (m) at ``load`` (N); None where the vehicle file says it."""
+        return None
 
     def linear(self, load: float, friction: float = 1.0) -> Stiffness:
         """Stiffness at ``load`` (N)."""
@@ -159,7 +169,3 @@ class Similarity(TyreModel):
         rise = 1.0 - self.curvature * (1.0 - 1.0 / (1.0 + x * x))
         angle = self.shape * atan(bent)
         return peak * sin(angle), slope * cos(angle) * rise / (1.0 + bent * bent)
-
-
-TYRES: dict[str, type[TyreModel]] = {"similarity": Similarity}
-"""Tyre models by name, in the order of their kernels."""

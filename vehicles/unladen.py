@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from vehicles.model import GRAVITY, Empty, Vehicle
 from vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
+from vehicles.tyre_files import followed
 
 MASS_SHARE = 0.75
 """Sprung mass of the empty over that of the laden car, where the vehicle file has no ``empty``."""
@@ -39,9 +40,11 @@ def unladen(vehicle: Vehicle) -> Vehicle:
     gradient = steady_roll(lighter, suspension_roll_stiffness(vehicle))[0]
     stiffness = lighter.plant.roll_arm / gradient + lighter.plant.roll_arm * GRAVITY
     plant = replace(lighter.plant, roll_stiffness=stiffness)
-    return replace(
-        vehicle,
-        plant=plant,
-        design=replace(vehicle.design, **changed),
-        tyre=vehicle.tyre.at_load(load),
+    return followed(
+        replace(
+            vehicle,
+            plant=plant,
+            design=replace(vehicle.design, **changed),
+            tyre=vehicle.tyre.at_load(load),
+        )
     )

@@ -303,7 +303,7 @@ class Scope:
             static = Static({"int": int, "float": float}.get(node.func.id))
         if static is None or static.value is None:
             raise self.refuse(node, "a call of something that is no kernel")
-        its = static.value
+        its = getattr(static.value, "in_c", static.value)
         if its is np.empty or hasattr(its, "elements") or hasattr(its, "record"):
             return self.make(node)
         arguments = [self.value(argument) for argument in node.args]

@@ -127,7 +127,7 @@ def linear_car(
         aside = aside + axle.roll_centre * unit[_TILT_RATE + i]
         steady = -aside / speed
         steady = steady + unit[_STEER] if i == 0 else steady
-        rows[_SLIP + i] = speed / tyre.relaxation_length * (steady - unit[_SLIP + i])
+        rows[_SLIP + i] = speed / axle.relaxation_length * (steady - unit[_SLIP + i])
 
     ahead, _, up = vehicle.sensors.imu_position
     turning = speed * unit[_YAW]

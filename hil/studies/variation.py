@@ -11,12 +11,10 @@ from vehicles import Vehicle
 from vehicles.check import problems
 from vehicles.model import RollModel
 from vehicles.roll_stiffness import springs_within
+from vehicles.tyre_files import scaled
 
 ROLL_MODEL = tuple(field.name for field in fields(RollModel))
-TYRES = {
-    "cornering_stiffness": ("cornering_stiffness_front", "cornering_stiffness_rear"),
-    "friction": ("friction",),
-}
+TYRES = ("cornering_stiffness", "friction")
 CONDITIONS = ("estimate_error",)
 """Conditions of the actuators that are drawn about zero: the delivered moment's reported error."""
 DEFAULT_SPREAD: Mapping[str, float] = {
@@ -111,11 +109,5 @@ def population(nominal: Settings, count: int, spread: Mapping[str, float]) -> li
 def varied(vehicle: Vehicle, factors: Mapping[str, float]) -> Vehicle:
     """Return the vehicle with the plant's roll model and the tyres multiplied by ``factors``."""
     plant = {name: getattr(vehicle.plant, name) * factors[name] for name in ROLL_MODEL}
-    tyre = {
-        key: getattr(vehicle.tyre, key) * factors[name]
-        for name, keys in TYRES.items()
-        for key in keys
-    }
-    return replace(
-        vehicle, plant=replace(vehicle.plant, **plant), tyre=replace(vehicle.tyre, **tyre)
-    )
+    driven = replace(vehicle, plant=replace(vehicle.plant, **plant))
+    return scaled(driven, *(factors[name] for name in TYRES))

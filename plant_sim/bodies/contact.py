@@ -209,6 +209,7 @@ def road_forces(  # noqa: PLR0917
             slips[wheel],
             scratch[AXIS_Z + wheel],
             friction,
+            1.0 - 2.0 * (wheel % 2),
         )
         scratch[AHEAD + wheel], scratch[ASIDE + wheel] = ahead, aside
         scratch[ALIGNING + wheel] = aligning

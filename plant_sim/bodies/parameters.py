@@ -122,5 +122,5 @@ def _wheel(axle: Axle, vehicle: Vehicle) -> dict[str, float]:
         "damping": data.vertical_damping,
         "spin_inertia": data.wheel_inertia,
         "rolling_resistance": data.rolling_resistance,
-        "per_relaxation": 1.0 / data.relaxation_length,
+        "per_relaxation": 1.0 / axle.relaxation_length,
     }

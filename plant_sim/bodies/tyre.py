@@ -1,13 +1,17 @@
 """Forces of one tyre by the model of its axle; the models' data are in :mod:`vehicles.tyres`."""
 
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from math import atan, sin, sqrt
 from typing import Any
 
 import numpy as np
 
+from plant_sim.bodies.magic_formula import linked
 from plant_sim.kernels.jit import inlined, njit, record_of
-from vehicles.tyres import LEAST, TYRES, Similarity, TyreModel
+from vehicles.axles import TYRES
+from vehicles.magic_formula import MagicFormula
+from vehicles.tyres import LEAST, Similarity, TyreModel
 
 Kernel = Callable[..., tuple[float, float, float]]
 
@@ -28,6 +32,7 @@ def similarity(  # noqa: PLR0917
     slip_angle: float,
     camber: float,
     friction: float,
+    hand: float,
 ) -> tuple[float, float, float]:
     """Kernel of :class:`vehicles.tyres.Similarity`: no camber thrust, no aligning moment."""
     tyre = _similarity(axle.tyre)
@@ -60,20 +65,24 @@ def chosen(kernels: Sequence[Kernel], number: int = 0) -> Kernel:
         slip_angle: float,
         camber: float,
         friction: float,
+        hand: float,
     ) -> tuple[float, float, float]:
         if axle.tyre_model == number:
-            return first(axle, load, slip_ratio, slip_angle, camber, friction)
-        return others(axle, load, slip_ratio, slip_angle, camber, friction)
+            return first(axle, load, slip_ratio, slip_angle, camber, friction, hand)
+        return others(axle, load, slip_ratio, slip_angle, camber, friction, hand)
 
     return forces
 
 
-KERNELS: tuple[Kernel, ...] = (similarity,)
+KERNELS: tuple[Kernel, ...] = (similarity, linked)
 """One for each of :data:`vehicles.tyres.TYRES`, in their order."""
-ROOM = len(Similarity.NUMBERS)
+ROOM = max(len(model.NUMBERS) for model in TYRES.values())
 """Most parameters of a tyre model."""
 forces = chosen(KERNELS)
-"""``forces(axle, load, slip_ratio, slip_angle, camber, friction)``: see :mod:`vehicles.tyres`."""
+"""``forces(axle, load, slip_ratio, slip_angle, camber, friction, hand)``.
+
+See :mod:`vehicles.tyres`; ``hand`` is 1 on the left and -1 on the right.
+"""
 
 
 @njit
@@ -84,8 +93,9 @@ def _forces_of(  # noqa: PLR0917
     slip_angle: float,
     camber: float,
     friction: float,
+    hand: float,
 ) -> tuple[float, float, float]:
-    return forces(axle, load, slip_ratio, slip_angle, camber, friction)
+    return forces(axle, load, slip_ratio, slip_angle, camber, friction, hand)
 
 
 def forces_of(tyre: TyreModel, *arguments: float) -> tuple[float, float, float]:
@@ -97,6 +107,8 @@ def forces_of(tyre: TyreModel, *arguments: float) -> tuple[float, float, float]:
 
 def fill(axle: Any, tyre: TyreModel) -> None:  # noqa: ANN401
     """Fill an axle's record with the tyre on it."""
+    if isinstance(tyre, MagicFormula):
+        import_module("plant_sim.bodies.magic_formula_step")
     axle["tyre_model"] = list(TYRES.values()).index(type(tyre))
     parameters = tyre.parameters
     axle["tyre"][: len(parameters)] = parameters

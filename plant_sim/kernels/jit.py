@@ -7,6 +7,7 @@ compile at the same time could use one name for two functions: saving takes a lo
 cache is still read.
 """
 
+import ctypes
 import fcntl
 import hashlib
 import os
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from llvmlite import binding as llvm
 from numba.core import cgutils
 from numba.core.caching import CacheImpl, IndexDataCacheFile, UserProvidedCacheLocator
 from numba.extending import intrinsic
@@ -223,3 +225,53 @@ def stack_vector(size: int) -> Any:  # noqa: ANN401
 
     make.elements = size  # for the translation to C
     return make
+
+
+class Linked:
+    """A kernel that other kernels call by its address, to be compiled only where it is needed.
+
+    Numba compiles a callee again into each of its callers, and the plant has many. The address is
+    in a word of this process that machine code finds by the ``name``.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.word = ctypes.c_int64(0)
+        llvm.add_symbol(name, ctypes.addressof(self.word))
+        word = numba.types.int64
+
+        @intrinsic  # type: ignore[untyped-decorator]
+        def address(typing_context: Any) -> Any:  # noqa: ANN401
+            def lower(context: Any, builder: Any, _: Any, arguments: Any) -> Any:  # noqa: ANN401
+                kind = context.get_value_type(word)
+                found = builder.module.globals.get(name)
+                place = found or cgutils.add_global_variable(builder.module, kind, name)
+                return builder.load(place)
+
+            return word(), lower
+
+        self.address = address
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def address_of(typing_context: Any, array: Any) -> Any:  # noqa: ANN401
+    """In a kernel: where the numbers of an array are."""
+
+    def lower(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ANN401
+        view = context.make_array(signature.args[0])(context, builder, arguments[0])
+        return builder.ptrtoint(view.data, context.get_value_type(numba.types.int64))
+
+    return numba.types.int64(array), lower
+
+
+def record_at(dtype: Any) -> Any:  # noqa: ANN401
+    """In a kernel: the record of ``dtype`` at an address; see :func:`record_of`."""
+    record = numba.from_dtype(dtype)
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def at(typing_context: Any, address: Any) -> Any:  # noqa: ANN401
+        def lower(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ANN401
+            return builder.inttoptr(arguments[0], context.get_value_type(record))
+
+        return record(numba.types.int64), lower
+
+    return at

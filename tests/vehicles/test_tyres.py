@@ -7,8 +7,8 @@ import pytest
 
 import vehicles
 from plant_sim.bodies.tyre import KERNELS
-from vehicles.axles import axles
-from vehicles.tyres import TYRES, TyreModel
+from vehicles.axles import TYRES, axles
+from vehicles.tyres import TyreModel
 
 TYRE = axles(vehicles.load("van_real"))[0].tyre
 LOADS = [0.3 * TYRE.static_load, TYRE.static_load, 1.6 * TYRE.static_load, 6.0 * TYRE.static_load]
