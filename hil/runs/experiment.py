@@ -34,7 +34,7 @@ from hil.runs.result import Result, Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import RUN_TIME_NS, closed_loop
 from plant_sim.bodies import body
-from plant_sim.driving import MANEUVERS, maneuvers
+from plant_sim.driving import MANEUVERS, maneuvers, tyre_limits
 from plant_sim.faults import parse_all
 from plant_sim.world.recording import EVERYTHING, NOTHING, Kept
 from plant_sim.world.spool import pieces
@@ -353,6 +353,8 @@ def assess(
     warnings = list(controller.warnings)
     if settings.plant == "roll1" and settings.scenario in AT_THE_LIMIT:
         warnings.append("roll1 has no tyre limits and no wheel lift: use --plant nonlinear")
+    if settings.plant == "nonlinear":
+        warnings.extend(tyre_limits.beyond(settings.vehicle, seen.signals))
     if cycle is not None:
         warnings.append(str(cycle))
     without_roll = metrics.load_transfer_without_roll(
