@@ -29,7 +29,7 @@ from hil.setup.controller import COMMAND_TIMEOUT, Controller, prepare
 from hil.setup.delay import sample_to_force
 from hil.setup.keys import refuse_useless_key
 from plant_sim.bodies import body
-from plant_sim.driving import MANEUVERS, maneuvers
+from plant_sim.driving import MANEUVERS, maneuvers, tyre_limits
 from plant_sim.faults import parse_all
 from plant_sim.world.recording import EVERYTHING, NOTHING, Kept
 from plant_sim.world.spool import pieces
@@ -348,6 +348,8 @@ def assess(
     warnings = list(controller.warnings)
     if settings.plant == "roll1" and settings.scenario in AT_THE_LIMIT:
         warnings.append("roll1 has no tyre limits and no wheel lift: use --plant nonlinear")
+    if settings.plant == "nonlinear":
+        warnings.extend(tyre_limits.beyond(settings.vehicle, seen.signals))
     if cycle is not None:
         warnings.append(str(cycle))
     without_roll = metrics.load_transfer_without_roll(

@@ -45,7 +45,7 @@ def limited_by(vehicle: Vehicle, signals: Signals, friction: float) -> Limited:
     grip = friction * vehicle.tyre.friction * GRAVITY
     used = f"{np.abs(signals['ay']).max() / grip:.0%} of the grip used".replace("%", " %")
     for axle in axles(vehicle):
-        slip = _slip(axle, signals)
+        slip = slip_of(axle, signals)
         if _lasts(slip >= NEAR * slip_limit(axle, friction)):
             return Limited("car", f"the {axle.name} tyres are near their peak, {used}")
     steer, step = np.abs(signals["steer"]), STEP_NS * 1e-9
@@ -56,7 +56,7 @@ def limited_by(vehicle: Vehicle, signals: Signals, friction: float) -> Limited:
     return Limited("driver", f"no tyre and no steering at its limit, {used}")
 
 
-def _slip(axle: Axle, signals: Signals) -> NDArray[np.float64]:
+def slip_of(axle: Axle, signals: Signals) -> NDArray[np.float64]:
     """Return the magnitude of the axle's slip angle (rad) while the car moves."""
     moving = signals["vx"] > SLOWEST
     vx, vy, rate, steer = (signals[name][moving] for name in ("vx", "vy", "yaw_rate", "steer"))
