@@ -97,7 +97,7 @@ class UsageError(CanrollError):
 
 TASKS: Mapping[str, tuple[str, ...]] = {
     "simulate": ("run", "compare", "sweep", "report"),
-    "design": ("design", "margins", "prove"),
+    "design": ("design", "margins", "certify", "prove"),
     "assess": ("campaign", "severe", "faults", "attacks", "reproduce"),
     "characterise a vehicle": ("limit", "understeer", "response"),
     "network": ("bus",),

@@ -268,6 +268,23 @@ def margins(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="DIR", help="write margins.png there")
 
 
+def certify(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll certify``."""
+    parser.description = (
+        "Prove the loop of a calibration's integers stable for every sequence of delays, bound "
+        "what roundings do, and write a certificate that a checker of 200 lines can check alone."
+    )
+    parser.add_argument("calibration", type=path_named, help="calibration.toml of canroll design")
+    add_choices(parser, ("vehicle", "bus"))
+    add_json(parser)
+    parser.add_argument(
+        "--out",
+        type=path_named,
+        metavar="FILE",
+        help="certificate (default: certificate.json beside the calibration)",
+    )
+
+
 def timing(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll timing``."""
     add_choices(parser, [name for name in OF_A_RUN if name != "backend"])
@@ -517,6 +534,7 @@ COMMANDS = {
     ),
     "design": Command("design a controller and write its calibration", design),
     "margins": Command("verify a calibration independently of its design", margins),
+    "certify": Command("prove a calibration stable for every sequence of delays", certify),
     "bus": Command("bus load, response times and a bus server", "bus_parsers:bus"),
     "hil": Command("run ECU and plant as two processes in real time", "bus_parsers:hil"),
     "ecu": Command("the ECU alone, on any python-can interface", "bus_parsers:ecu"),
