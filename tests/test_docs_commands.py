@@ -85,6 +85,21 @@ def test_keys_of_a_design_and_of_its_margins(tmp_path, capsys):
     assert keys("margins") == set(json.loads(capsys.readouterr().out))
 
 
+@pytest.mark.slow
+def test_keys_of_a_certificate(tmp_path, capsys):
+    pytest.importorskip("flint")
+    assert cli.main(["design", "--law", "hinf_delay", "--out", str(tmp_path), "--json"]) == 0
+    capsys.readouterr()
+    assert cli.main(["certify", str(tmp_path / "calibration.toml"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    nested = {"name", "claims", *found["conditions"][0]["claims"][0]}
+    nested |= {"proved_to_s", "unstable", "sequence_s", "growth_per_tick", "every tick"}
+    nested |= {"event trigger", "1 lost"}
+    rows = re.findall(r"^\| (`.+?) \|", SECTIONS["certify"].partition("| key |")[2], re.M)
+    assert {key for row in rows for key in re.findall(r"`(.+?)`", row)} == set(found)
+    assert set(re.findall(r"`(.+?)`", SECTIONS["certify"])) >= set(found) | nested
+
+
 def test_keys_of_a_linearisation(capsys):
     assert cli.main(["response", "--linear", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

@@ -90,6 +90,9 @@ COMMANDS = {
     "margins": Command(
         "verify a calibration independently of its design", "design_parsers:margins"
     ),
+    "certify": Command(
+        "prove a calibration stable for every sequence of delays", "design_parsers:certify"
+    ),
     "bus": Command("bus load, response times and a bus server", "bus_parsers:bus"),
     "hil": Command("run ECU and plant as two processes in real time", "bus_parsers:hil"),
     "ecu": Command("the ECU alone, on any python-can interface", "bus_parsers:ecu"),

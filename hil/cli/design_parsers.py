@@ -116,6 +116,23 @@ def margins(parser: Parser) -> None:
     parser.add_argument("--out", type=Path, metavar="DIR", help="write margins.png there")
 
 
+def certify(parser: Parser) -> None:
+    """Options of ``canroll certify``."""
+    parser.description = (
+        "Prove the loop of a calibration's integers stable for every sequence of delays, bound "
+        "what roundings do, and write a certificate that a checker of 200 lines can check alone."
+    )
+    parser.add_argument("calibration", type=path_named, help="calibration.toml of canroll design")
+    add_choices(parser, ("vehicle", "bus"))
+    add_json(parser)
+    parser.add_argument(
+        "--out",
+        type=path_named,
+        metavar="FILE",
+        help="certificate (default: certificate.json beside the calibration)",
+    )
+
+
 def timing(parser: Parser) -> None:
     """Options of ``canroll timing``."""
     add_choices(parser, [name for name in OF_A_RUN if name != "backend"])

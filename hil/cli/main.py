@@ -46,7 +46,7 @@ OF_THE_MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE, errno.E
 
 TASKS: Mapping[str, tuple[str, ...]] = {
     "simulate": ("run", "compare", "sweep", "report"),
-    "design": ("design", "margins", "prove"),
+    "design": ("design", "margins", "certify", "prove"),
     "assess": ("campaign", "severe", "faults", "attacks", "reproduce"),
     "characterise a vehicle": ("vehicle", "limit", "understeer", "response"),
     "network": ("bus",),

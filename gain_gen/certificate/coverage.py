@@ -1,0 +1,82 @@
+"""What can be said where a loop is not proved: the delays it is proved for, and the worst ones."""
+
+from dataclasses import dataclass
+
+from gain_gen.analysis.family import Member
+from gain_gen.calibration.calibration_file import LoadedCalibration
+from gain_gen.calibration.dequantise import dequantise
+from gain_gen.certificate.certificate import EVERY_TICK, INTEGERS, condition_of, resolutions
+from gain_gen.certificate.claim import prove
+from gain_gen.certificate.delay_sequence import DelaySequence, closest, simulate
+from gain_gen.models.task import Task
+
+STEPS = 5
+"""Of the bisection for the longest delay."""
+ROLL = 0.01745
+"""Roll angle at the start of a simulation, rad."""
+SECONDS = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Shortfall:
+    """A condition in which the loop is not proved stable.
+
+    Attributes:
+        member: of the family.
+        most: with the least delay of the task up to this one it is proved, without the sensor's
+            low-pass, s; None where not even the least delay alone is.
+        sequence: periodic sequence of delays of largest growth among those tried.
+        simulated: largest roll angle in the first and in the last of :data:`SECONDS` seconds under
+            it, relative to that at the start.
+    """
+
+    member: Member
+    most: float | None
+    sequence: DelaySequence
+    simulated: tuple[float, float]
+
+    @property
+    def unstable(self) -> bool:
+        """Whether the sequence shows that no proof exists."""
+        return self.sequence.radius >= 1.0
+
+
+def shortfall(
+    member: Member, task: Task, calibration: LoadedCalibration, delay: tuple[float, float]
+) -> Shortfall:
+    """Return how far the proof goes in a condition, and the sequence that comes closest."""
+    controller = dequantise(calibration.record)
+    sequence = closest(member, controller, delay)
+    ticks = round(SECONDS / task.tick)
+    angles = abs(simulate(member, controller, sequence.delays, roll=ROLL, ticks=ticks)) / ROLL
+    second = round(1.0 / task.tick)
+    simulated = (float(angles[:second].max()), float(angles[-second:].max()))
+    return Shortfall(member, _longest(member, task, calibration, delay), sequence, simulated)
+
+
+def _longest(
+    member: Member, task: Task, calibration: LoadedCalibration, delay: tuple[float, float]
+) -> float | None:
+    """Return the longest delay up to which the condition is proved, by bisection."""
+    integers = {name: getattr(calibration.record, name) for name in INTEGERS}
+    condition = condition_of(member, calibration.record)
+    resolution = resolutions(task.vehicle, calibration.record)
+
+    def holds(most: float) -> bool:
+        claim = prove(
+            integers,
+            condition,
+            name=EVERY_TICK,
+            delay=(delay[0], most),
+            resolution=resolution,
+            trigger=False,
+        )
+        return claim is not None
+
+    low, high = delay
+    if not holds(low):
+        return None
+    for _ in range(STEPS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low
