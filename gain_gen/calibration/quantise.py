@@ -17,9 +17,9 @@ from gain_gen.calibration.vehicle_part import timeouts, vehicle_fields
 from gain_gen.models.controller import Compensator, matrices
 from gain_gen.models.roll import stationary_covariance
 from gain_gen.models.task import EPSILON_SQUARED, Design
-from vehicles.actuators import ACTUATORS
 from gain_gen.monitors.residuals import bank_of
 from gain_gen.monitors.uncertainty import Uncertainty
+from vehicles.actuators import ACTUATORS
 
 Value = int | list[int] | list[list[int]]
 Fields = dict[str, Value]

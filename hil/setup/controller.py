@@ -237,7 +237,7 @@ def _sample_period(choices: Mapping[str, Any]) -> float:
 def _stroke_period(choices: Mapping[str, Any]) -> float:
     """Return the time between two samples of the stroke rates, s."""
     bus = bus_map(profile_of(choices))
-    if bus is None or _absent(bus, RX_SUSPENSION_RATE):
+    if bus is None or absent(bus, RX_SUSPENSION_RATE):
         return dbc.period("SuspensionRate")
     return 1e-3 * bus.received[RX_SUSPENSION_RATE].cycle_ms
 
