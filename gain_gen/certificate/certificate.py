@@ -54,10 +54,10 @@ SCALING = 1e-3
 EVERY_TICK, TRIGGER = "every tick", "event trigger"
 ASSUMPTIONS = (
     "the car is linear: the tyres, springs and actuators of each condition stay in their linear "
-    "range, and no moment, slew or corner limit acts",
+    "range, and no limit of moment, slew, corner or estimate acts",
     "the ECU samples at its tick; the whole delay from sample to force, which may change every "
     "tick within its bounds without commands overtaking each other, lies in the command",
-    "no frame of the sensors is lost, and the delivered moment is reported within its resolution",
+    "every tick has a new sample of each sensor and the delivered moment, off by half a resolution",
     "the estimates of offsets and the speed stand still",
 )
 
@@ -70,8 +70,9 @@ class Certificate:
         content: of the file.
         delay: bounds from sample to force, without the sensor's low-pass, s.
         unproved: conditions in which "every tick" is not proved.
-        triggered: whether the event trigger is part of every condition; None without one.
+        triggered: whether every condition is proved with the event trigger; None without one.
         lost: commands in a row that may be lost in every condition.
+        note: reason why the family is the roll model alone, or empty.
     """
 
     content: dict[str, Any]
@@ -79,6 +80,7 @@ class Certificate:
     unproved: tuple[Member, ...]
     triggered: bool | None
     lost: int
+    note: str
 
     @property
     def proved(self) -> bool:
@@ -116,6 +118,7 @@ def certify(task: Task, calibration: LoadedCalibration) -> Certificate:
     content: dict[str, Any] = {
         "format": FORMAT,
         "source": _source(task, calibration),
+        "family": family.note or "cars in several conditions",
         "assumptions": list(ASSUMPTIONS),
         "integers": integers,
         "conditions": conditions,
@@ -144,7 +147,7 @@ def certify(task: Task, calibration: LoadedCalibration) -> Certificate:
     if not unproved:
         lost = _lost(conditions, claims, delay[1], task.tick)
     content["sha256"] = checker.digest(content)
-    return Certificate(content, delay, tuple(unproved), triggered, lost)
+    return Certificate(content, delay, tuple(unproved), triggered, lost, family.note)
 
 
 def _lost(conditions: Sequence[dict[str, Any]], claims: Any, most: float, tick: float) -> int:  # noqa: ANN401

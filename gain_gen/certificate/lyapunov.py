@@ -99,11 +99,12 @@ def feasible(loop: UncertainLoop) -> list[Point]:
     gap = 1.0 - loop.radius**2
     if gap <= 0.0:
         return []
-    tried = [(1.0 - part * gap, share * gap) for part, share in product(DECAYS, SHARES)]
-    points = [_point(loop, decay, energy) for decay, energy in tried]
+    nominal = [_nominal(loop, 1.0 - part * gap) for part in DECAYS]
+    tried = [(each, share * gap) for each, share in product(nominal, SHARES)]
+    points = [_point(loop, each, energy) for each, energy in tried]
     if not any(points) and len(loop.places):
         scales = _scales(loop)
-        points = [_point(loop, decay, energy, scales) for decay, energy in tried]
+        points = [_point(loop, each, energy, scales) for each, energy in tried]
     return sorted((point for point in points if point), key=lambda point: point.roll)
 
 
@@ -132,9 +133,22 @@ def _scales(loop: UncertainLoop) -> Matrix:
     return np.asarray(np.exp(2.0 * least.x) if loop.share else np.exp(2.0 * np.r_[0.0, least.x]))
 
 
-def _point(
-    loop: UncertainLoop, decay: float, energy: float, scales: Matrix | None = None
-) -> Point | None:
+@dataclass(frozen=True, slots=True)
+class _Nominal:
+    """The ellipsoid of a decay with the delays at their centres.
+
+    ``weights`` are the multipliers of e and the roundings, ``covariance`` its W, ``sizes`` of the
+    states.
+    """
+
+    decay: float
+    weights: Matrix
+    covariance: Matrix
+    sizes: Matrix
+
+
+def _nominal(loop: UncertainLoop, decay: float) -> _Nominal:
+    """Share the level out so that the sum of the inputs' ellipsoids has the least roll angle."""
     n, noisy = len(loop.a), len(loop.roundings)
     a = loop.a / np.sqrt(decay)
     inputs = np.zeros((n, 1 + noisy))
@@ -147,10 +161,19 @@ def _point(
         granted[0] = granted[1:].sum() * OF_TRIGGER / (1.0 - OF_TRIGGER) if noisy else 1.0
     granted /= granted.sum()
     weights = (1.0 - decay) * granted / np.r_[loop.floor, loop.roundings] ** 2
-    nominal = sum(w / ((1.0 - decay) * g) for w, g in zip(alone, granted, strict=True))
-    sizes = np.sqrt(np.diag(nominal))
-    sizes = np.where(sizes > 0.0, sizes, 1.0)
-    jumps = np.einsum("ij,jk,ik->i", loop.jumps[:, :n], nominal, loop.jumps[:, :n])
+    covariance = np.sum(
+        [w / ((1.0 - decay) * g) for w, g in zip(alone, granted, strict=True)], axis=0
+    )
+    sizes = np.sqrt(np.diag(covariance))
+    return _Nominal(decay, weights, covariance, np.where(sizes > 0.0, sizes, 1.0))
+
+
+def _point(
+    loop: UncertainLoop, nominal: _Nominal, energy: float, scales: Matrix | None = None
+) -> Point | None:
+    n, noisy = len(loop.a), len(loop.roundings)
+    decay, weights, sizes = nominal.decay, nominal.weights, nominal.sizes
+    jumps = np.einsum("ij,jk,ik->i", loop.jumps[:, :n], nominal.covariance, loop.jumps[:, :n])
     delays = energy / (jumps + (loop.floor * loop.jumps[:, n]) ** 2)
     if scales is not None:
         delays = scales * (weights[0] if loop.share else delays.mean() / scales.mean())
@@ -168,7 +191,7 @@ def _point(
     d = np.zeros((len(c), b.shape[1]))
     d[:, 0] = c[:, n] / np.sqrt(weights[0])
     c = c[:, :n] * sizes / np.sqrt(decay)
-    a = a * np.sqrt(1.0 + 2.0 * SLACK) * sizes / sizes[:, None]
+    a = loop.a * np.sqrt((1.0 + 2.0 * SLACK) / decay) * sizes / sizes[:, None]
     driven = b @ b.T + CLEARANCE * np.eye(n)
     try:
         w = solve_discrete_are(a.T, c.T, driven, d @ d.T - np.eye(len(c)), s=b @ d.T)

@@ -107,7 +107,7 @@ def lines(
         yield (
             f"proved: {loop} is stable for every sequence of delays of {extent} from sample to "
             f"force, a new one every tick, in all {conditions} conditions, with the integers as "
-            "stored"
+            "stored and a command every tick"
         )
         roll, moment = found.worst("every tick")
         yield (
@@ -118,6 +118,8 @@ def lines(
             yield _trigger(found, conditions, calibration.record.moment_max / (1 << Q_MOMENT))
         lost = f"up to {found.lost} commands in a row" if found.lost else "no command"
         yield f"it stays proved where {lost} may be lost again and again"
+    if found.note:
+        yield f"warning: the only condition is the 1-DOF roll model: {found.note}"
     for sentence in found.content["assumptions"]:
         yield f"assumed: {sentence}"
     yield f"not proved: {SIMULATED}"
@@ -130,13 +132,18 @@ def _trigger(found: "Certificate", conditions: int, limit: float) -> str:
         if any(claim["name"] == "event trigger" for claim in condition["claims"])
     ]
     if not names:
-        return "with the event trigger's withheld commands there is no proof in any condition"
+        return (
+            "with the event trigger's withheld commands there is no proof in any condition; design "
+            "with --trigger every for a proved loop"
+        )
     roll, moment = found.worst("event trigger")
     where = "all" if found.triggered else f"{len(names)} of {conditions}"
     text = (
         f"with the event trigger's withheld commands the same holds in {where} conditions, within "
         f"{_up(roll, 2)}° and {_up(moment, 0)} N·m there"
     )
+    if not found.triggered:
+        text += "; design with --trigger every for a loop that is proved in all"
     if moment > limit:
         text += f", which is beyond the limit of {limit:.0f} N·m and so assumes a stronger actuator"
     return text
