@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
-from vehicles import tir
-from vehicles.magic_formula import KEYS, NEEDED, SCALES, Coefficients
 from vehicles.model import Tyre, TyreFiles, Vehicle
+from vehicles.tyres import tir
+from vehicles.tyres.magic_formula import KEYS, NEEDED, SCALES, Coefficients
 
 SECTION = "magic_formula"
 AXLES = ("front", "rear")

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from canroll.errors import CanrollError
-from vehicles import tir
+from vehicles.tyres import tir
 
-FOLDER = Path(__file__).parent / "tyres"
+FOLDER = Path(__file__).parent
 TEXT = (FOLDER / "passenger_61.tir").read_text()
 
 

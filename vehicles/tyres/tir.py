@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from canroll.documents import text
 from canroll.errors import CanrollError, reason
-from vehicles.magic_formula import KEYS, NEEDED, NEW, OLD, Coefficients
+from vehicles.tyres.magic_formula import KEYS, NEEDED, NEW, OLD, Coefficients
 
 UNITS = {
     "LENGTH": ("meter", "metre", "meters", "metres", "m"),
