@@ -59,6 +59,11 @@ COEFFICIENTS = (
 """Coefficients that are read; 0 where the file has none, but PKY4, which is 2."""
 KEYS = (*NEEDED, *COEFFICIENTS, *SCALES, *LIMITS, *WHEEL, "TYRESIDE")
 """All that is read of a file; TYRESIDE is 1 for left and -1 for right."""
+POSITIVE = (
+    *("UNLOADED_RADIUS", "FNOMIN", "PCX1", "PKX1", "PCY1", "PKY2"),
+    *("LFZO", "LMUX", "LMUY", "LKX", "LKY", "LCX", "LCY"),
+)
+"""Keys whose numbers are positive."""
 UNLIMITED = {"KPU": 1e3, "ALP": 1.57, "CAM": 1.0, "FZ": 1e9}
 """Limits where the file has none."""
 

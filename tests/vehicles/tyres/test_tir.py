@@ -52,6 +52,7 @@ def test_missing_coefficients_are_those_of_the_version(read):
         ("FITTYP ", "FITTYPE ", "t.tir: FITTYP is missing"),
         ("'LEFT'", "'BOTH'", "TYRESIDE is 'BOTH': must be LEFT or RIGHT"),
         ("= 1.62", "= one", "PCX1 = 'one' is not a number"),
+        ("= 1.62", "= nan", "PCX1 = 'nan' is not a number"),
         ("= -22.4", "= 22.4", "PKY1 = 22.4: must be negative .* SAE"),
         ("= 4000", "= 0", "FNOMIN = 0: must be positive"),
         ("PCX1 ", "PCX1 = 1.5\nPCX1 ", r"PCX1 again, it stands in line \d+ already"),
