@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from vehicles.magic_formula import MagicFormula
 from vehicles.model import Vehicle
 from vehicles.tyres import Similarity, TyreModel
+from vehicles.tyres.magic_formula import MagicFormula
 
 TYRES: dict[str, type[TyreModel]] = {"similarity": Similarity, "magic_formula": MagicFormula}
 """Tyre models by name, in the order of their kernels."""

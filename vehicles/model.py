@@ -197,7 +197,7 @@ class Tyre:
 class TyreFiles:
     """Coefficients of the tyres of both axles by the keys of their .tir files.
 
-    See :mod:`vehicles.magic_formula`. ``TYRESIDE`` is 1 for left and -1 for right.
+    See :mod:`vehicles.tyres.magic_formula`. ``TYRESIDE`` is 1 for left and -1 for right.
     """
 
     front: dict[str, float] = field(hash=False)

@@ -11,9 +11,17 @@ from pathlib import Path
 from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
-from vehicles import tir
-from vehicles.magic_formula import KEYS, NEEDED, SCALES, Coefficients
 from vehicles.model import Tyre, TyreFiles, Vehicle
+from vehicles.tyres import tir
+from vehicles.tyres.magic_formula import (
+    KEYS,
+    NEEDED,
+    NEW,
+    OLD,
+    POSITIVE,
+    SCALES,
+    Coefficients,
+)
 
 SECTION = "magic_formula"
 AXLES = ("front", "rear")
@@ -134,6 +142,11 @@ def section(table: Any, where: str) -> TyreFiles:  # noqa: ANN401
         for key in NEEDED:
             if key not in part:
                 raise CanrollError(f"{at} {key} is missing")
+        if part["FITTYP"] not in (*OLD, *NEW):
+            raise CanrollError(f"{at} FITTYP = {part['FITTYP']:g}: no version that is read")
+        for key in POSITIVE:
+            if not part.get(key, 1.0) > 0.0:
+                raise CanrollError(f"{at} {key} = {part[key]:g}: must be positive")
     return TyreFiles(*({k: float(v) for k, v in table[axle].items()} for axle in AXLES))
 
 

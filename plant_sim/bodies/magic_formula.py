@@ -1,4 +1,4 @@
-"""Kernel of the Magic Formula tyre, versions 5.2 to 6.2; its data: :mod:`vehicles.magic_formula`.
+"""Kernel of the Magic Formula tyre 5.2 to 6.2; its data: :mod:`vehicles.tyres.magic_formula`.
 
 Equations (4.E1) to (4.E78) of Pacejka, Tire and Vehicle Dynamics, 3rd edition, in steady state and
 without turn slip. Where book and solvers differ, as in the paper of Besselink, Schmeitz and Pacejka
@@ -24,7 +24,7 @@ from plant_sim.kernels.jit import (
     record_of,
     stack_vector,
 )
-from vehicles.magic_formula import MagicFormula
+from vehicles.tyres.magic_formula import MagicFormula
 
 TINY = 1e-6
 """Force (N) that keeps a quotient finite where a tyre has no peak."""
@@ -206,7 +206,7 @@ def magic_formula(  # noqa: PLR0917
     friction: float,
     hand: float,
 ) -> tuple[float, float, float]:
-    """Kernel of :class:`vehicles.magic_formula.MagicFormula`."""
+    """Kernel of :class:`vehicles.tyres.magic_formula.MagicFormula`."""
     tyre = tyre_of(axle.tyre)
     return forces_of_tyre(tyre, load, slip_ratio, slip_angle, camber, friction, hand)
 

@@ -10,8 +10,8 @@ import numpy as np
 from plant_sim.bodies.magic_formula import linked
 from plant_sim.kernels.jit import inlined, njit, record_of
 from vehicles.axles import TYRES
-from vehicles.magic_formula import MagicFormula
 from vehicles.tyres import LEAST, Similarity, TyreModel
+from vehicles.tyres.magic_formula import MagicFormula
 
 Kernel = Callable[..., tuple[float, float, float]]
 

@@ -113,3 +113,17 @@ def test_limits_that_the_car_at_rest_does_not_keep_are_named(load):
     files = replace(car.magic_formula, rear={**car.magic_formula.rear, "FZMAX": 2000.0})
     (line,) = outside(replace(car, magic_formula=files))
     assert line.startswith("tyre file, rear: wheel load at rest") and "> FZMAX 2000" in line
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("LMUY", 0.0, "LMUY = 0: must be positive"),
+        ("FITTYP", 70.0, "FITTYP = 70: no version"),
+        ("PKY1", 20.0, "cornering_stiffness_front = .* must not be negative"),
+        ("PCX1", float("nan"), "PCX1 = nan: must be positive"),
+    ],
+)
+def test_impossible_coefficients_are_refused(load, key, value, message):
+    with pytest.raises(CanrollError, match=message):
+        load().replace({f"magic_formula.front.{key}": value})

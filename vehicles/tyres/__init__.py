@@ -14,10 +14,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import atan, cos, sin
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
-
-if TYPE_CHECKING:
-    from vehicles.model import Vehicle
+from typing import Any, ClassVar, NamedTuple
 
 STEP = 1e-5
 """Slip by which forces are differenced."""
@@ -43,8 +40,8 @@ class TyreModel(ABC):
 
     @classmethod
     @abstractmethod
-    def of_axle(cls, vehicle: "Vehicle", axle: int, wheel_load: float) -> "TyreModel":
-        """The tyre of an axle (0 front, 1 rear) that carries ``wheel_load`` (N) at rest."""
+    def of_axle(cls, vehicle: Any, axle: int, wheel_load: float) -> "TyreModel":  # noqa: ANN401
+        """The tyre of a vehicle's axle (0 front, 1 rear) that carries ``wheel_load`` (N)."""
 
     @property
     @abstractmethod
@@ -124,7 +121,7 @@ class Similarity(TyreModel):
     curvature: float
 
     @classmethod
-    def of_axle(cls, vehicle: "Vehicle", axle: int, wheel_load: float) -> "Similarity":
+    def of_axle(cls, vehicle: Any, axle: int, wheel_load: float) -> "Similarity":  # noqa: ANN401
         """The tyre of an axle, from the vehicle's ``tyre`` section."""
         tyre = vehicle.tyre
         both = (tyre.cornering_stiffness_front, tyre.cornering_stiffness_rear)[axle]

@@ -1,22 +1,19 @@
 """The Magic Formula tyre of Pacejka, versions 5.2, 6.1 and 6.2, from the coefficients of its file.
 
 The kernel reads numbers into which scaling factors and inflation pressure are multiplied, as both
-are constant in a run; :mod:`vehicles.tir` reads the file. Forces and moment are those of a tyre on
-a straight or slowly turning path: turn slip is left out, as are overturning moment and rolling
-resistance (the vehicle file has one).
+are constant in a run; :mod:`vehicles.tyres.tir` reads the file. Forces and moment are those of a
+tyre on a straight or slowly turning path: turn slip is left out, as are overturning moment and
+rolling resistance (the vehicle file has one).
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import atan, exp, pi, sin, tan
-from typing import TYPE_CHECKING, ClassVar
+from typing import Any, ClassVar
 
 from scipy.optimize import minimize_scalar
 
 from vehicles.tyres import MOST_SLIP, TyreModel
-
-if TYPE_CHECKING:
-    from vehicles.model import Vehicle
 
 OLD = (6.0, 21.0, 52.0)
 """FITTYP of version 5.2."""
@@ -62,6 +59,11 @@ COEFFICIENTS = (
 """Coefficients that are read; 0 where the file has none, but PKY4, which is 2."""
 KEYS = (*NEEDED, *COEFFICIENTS, *SCALES, *LIMITS, *WHEEL, "TYRESIDE")
 """All that is read of a file; TYRESIDE is 1 for left and -1 for right."""
+POSITIVE = (
+    *("UNLOADED_RADIUS", "FNOMIN", "PCX1", "PKX1", "PCY1", "PKY2"),
+    *("LFZO", "LMUX", "LMUY", "LKX", "LKY", "LCX", "LCY"),
+)
+"""Keys whose numbers are positive."""
 UNLIMITED = {"KPU": 1e3, "ALP": 1.57, "CAM": 1.0, "FZ": 1e9}
 """Limits where the file has none."""
 
@@ -242,7 +244,7 @@ class MagicFormula(TyreModel):
         return cls(coefficients, tuple(_kernel_numbers(coefficients).values()))
 
     @classmethod
-    def of_axle(cls, vehicle: "Vehicle", axle: int, wheel_load: float) -> "MagicFormula":
+    def of_axle(cls, vehicle: Any, axle: int, wheel_load: float) -> "MagicFormula":  # noqa: ANN401
         """The tyre of an axle, from the vehicle's ``magic_formula`` section."""
         both = vehicle.magic_formula
         assert both is not None

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from canroll.errors import CanrollError
-from vehicles import tir
+from vehicles.tyres import tir
 
-FOLDER = Path(__file__).parent / "tyres"
+FOLDER = Path(__file__).parent
 TEXT = (FOLDER / "passenger_61.tir").read_text()
 
 
@@ -52,6 +52,7 @@ def test_missing_coefficients_are_those_of_the_version(read):
         ("FITTYP ", "FITTYPE ", "t.tir: FITTYP is missing"),
         ("'LEFT'", "'BOTH'", "TYRESIDE is 'BOTH': must be LEFT or RIGHT"),
         ("= 1.62", "= one", "PCX1 = 'one' is not a number"),
+        ("= 1.62", "= nan", "PCX1 = 'nan' is not a number"),
         ("= -22.4", "= 22.4", "PKY1 = 22.4: must be negative .* SAE"),
         ("= 4000", "= 0", "FNOMIN = 0: must be positive"),
         ("PCX1 ", "PCX1 = 1.5\nPCX1 ", r"PCX1 again, it stands in line \d+ already"),

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from tools.validation import tyre_references as references
-from vehicles import tir
-from vehicles.magic_formula import Coefficients, MagicFormula
+from vehicles.tyres import tir
+from vehicles.tyres.magic_formula import Coefficients, MagicFormula
 
-FOLDER = Path(__file__).parent / "tyres"
+FOLDER = Path(__file__).parent
 NAMES = ("passenger_52", "passenger_61", "passenger_62")
 
 

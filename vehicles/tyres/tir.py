@@ -5,12 +5,13 @@ any ending. Units are SI; a file in others is refused.
 """
 
 from collections.abc import Iterator
+from math import isfinite, nan
 from pathlib import Path
 from typing import NamedTuple
 
 from canroll.documents import text
 from canroll.errors import CanrollError, reason
-from vehicles.magic_formula import KEYS, NEEDED, NEW, OLD, Coefficients
+from vehicles.tyres.magic_formula import KEYS, NEEDED, NEW, OLD, POSITIVE, Coefficients
 
 UNITS = {
     "LENGTH": ("meter", "metre", "meters", "metres", "m"),
@@ -119,11 +120,12 @@ def _number(key: str, entry: Entry, path: Path) -> float:
             )
         return side
     try:
-        return float(entry.value.upper().replace("D", "E"))
+        number = float(entry.value.upper().replace("D", "E"))
     except ValueError:
-        raise CanrollError(
-            f"{path}, line {entry.line}: {key} = {entry.value!r} is not a number"
-        ) from None
+        number = nan
+    if not isfinite(number):
+        raise CanrollError(f"{path}, line {entry.line}: {key} = {entry.value!r} is not a number")
+    return number
 
 
 def _check(values: dict[str, float], entries: dict[str, Entry], path: Path) -> None:
@@ -136,13 +138,8 @@ def _check(values: dict[str, float], entries: dict[str, Entry], path: Path) -> N
             f"{path}, line {entries['FITTYP'].line}: FITTYP = {values['FITTYP']:g}: only the "
             "Magic Formula 5.2 (6, 21 or 52), 6.1 (61) and 6.2 (62) are read"
         )
-    for key in ("UNLOADED_RADIUS", "FNOMIN", "PCX1", "PKX1", "PCY1", "PKY2"):
-        if not values[key] > 0.0:
-            raise CanrollError(
-                f"{path}, line {entries[key].line}: {key} = {values[key]:g}: must be positive"
-            )
     tyre = Coefficients(values)
-    for key in ("LFZO", "LMUX", "LMUY", "LKX", "LKY", "LCX", "LCY"):
+    for key in POSITIVE:
         if not tyre[key] > 0.0:
             raise CanrollError(
                 f"{path}, line {entries[key].line}: {key} = {values[key]:g}: must be positive"

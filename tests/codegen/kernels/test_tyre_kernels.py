@@ -11,8 +11,8 @@ from codegen.kernels.kinds import FLOAT, Array
 from codegen.kernels.translate import Translator
 from plant_sim.bodies import tyre
 from plant_sim.kernels.jit import njit, record_of
-from vehicles import tir
-from vehicles.magic_formula import MagicFormula
+from vehicles.tyres import tir
+from vehicles.tyres.magic_formula import MagicFormula
 
 AXLE = np.dtype([("tyre_model", "f8"), ("tyre", "f8", (tyre.ROOM,))])
 POINTER = ctypes.POINTER(ctypes.c_double)
