@@ -152,16 +152,7 @@ class Ecu:
 
     # residuals
     residual_input: Annotated[
-        list[i32],
-        N_INPUTS,
-        F(
-            STATE_MIN,
-            STATE_MAX,
-            0,
-            "",
-            "stroke rates left - right front, rear, left + right; moments; a_y; by yaw rate, "
-            "steering; roll, yaw rate; gyro bias; the first four summed over samples",
-        ),
+        list[i32], N_INPUTS, F(STATE_MIN, STATE_MAX, 0, "", "in the order of residuals.gather")
     ]
     part: Annotated[list[i32], N_PARTS, F(STATE_MIN, STATE_MAX, 0, "", "filtered")]
     part_memory: Annotated[list[i32], N_PARTS, F(STATE_MIN, STATE_MAX, 0, "", "of its washout")]

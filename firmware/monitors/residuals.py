@@ -70,7 +70,8 @@ def trusted(ecu: Ecu, cal: Calibration) -> i32:
         trust = trust | MOTION
     stroke: i32 = NEEDED[RX_SUSPENSION_RATE]
     if (ecu.valid[RX_SUSPENSION_RATE] & stroke) == stroke:
-        if ecu.unchanged[RX_SUSPENSION_RATE] <= cal.timeout_ticks[RX_SUSPENSION_RATE]:
+        patience: i32 = cal.timeout_ticks[RX_SUSPENSION_RATE]
+        if ecu.unchanged[RX_SUSPENSION_RATE] <= patience:
             trust = trust | STROKE
     moment: i32 = NEEDED[RX_ACTUATOR_STATE]
     if (ecu.valid[RX_ACTUATOR_STATE] & moment) == moment and ecu.moment_unknown == 0:
