@@ -1,0 +1,69 @@
+"""One axle's suspension against the other's, for an axle that reports what it does not do.
+
+The body is rigid in roll, so that its suspensions roll by different angles only as far as their
+tyres do. Those carry what springs, dampers and actuator of their axle pass on, and the lateral
+force at its roll centre: of the lateral acceleration and, with opposite signs, of the yaw
+acceleration. Mass and height of the body are not in this balance, by far the largest terms of that
+of :mod:`firmware.monitors.response`, nor is a road that tilts both axles. What is left of it is the
+difference between true and reported moments of one axle less that of the other, in N·m at the
+front axle. It is washed out and low-passed as there, and rests with it, and once the tyres have
+left their linear range: a wheel off the road bears no more load. What the model may be wrong by is
+an eighth of the moments, and what a rough road makes, which tilts one axle after the other: by as
+much as the suspensions have lately moved apart in a short time. Where that is much nothing is
+judged, for wheels leave the ground. Which axle lies it does not tell. A finding lasts until the
+next ``init``.
+"""
+
+from firmware.calibration import STATE_MAX, Calibration
+from firmware.fixed_point import product
+from firmware.monitors.balance import (
+    AXLES,
+    accuse_axles,
+    leave_room,
+    left_over,
+    start_balance,
+    stretch,
+)
+from firmware.monitors.redundancy import magnitude
+from firmware.monitors.rolling import within
+from firmware.state import Ecu
+from firmware.subset import i32, rsh, sat31
+
+# an eighth of the moments
+SHARE = 3
+
+
+def comparable(ecu: Ecu, cal: Calibration) -> i32:
+    """Return 1 where all that acts on the tyres is known, and they answer linearly."""
+    if ecu.response_known == 0:
+        return 0
+    # a balance that starts amid a manoeuvre doubles its errors: it starts well below the limit
+    below: i32 = rsh(cal.axles_limit, 2) * (1 - ecu.axles_known)
+    return within(ecu, cal.axles_limit - below)
+
+
+def watch_axles(ecu: Ecu, cal: Calibration) -> None:
+    """Judge by the newest samples what acts on the tyres, after the body's balance."""
+    if comparable(ecu, cal) == 0:
+        ecu.axles_known = 0
+        return
+    front: i32 = product(ecu.stroke_rate[0] - ecu.stroke_rate[1], cal.axles_stretch[0], 23)
+    rear: i32 = product(ecu.stroke_rate[2] - ecu.stroke_rate[3], cal.axles_stretch[1], 23)
+    stretched: i32 = sat31(front - rear)
+    damping: i32 = product(stretched, cal.axles_damping, 10)
+    of_rear: i32 = product(ecu.delivered[1], cal.axles_rear, 28)
+    lateral: i32 = product(ecu.lateral_acceleration, cal.axles_lateral, 20)
+    momentum: i32 = product(ecu.yaw_rate, cal.axles_yaw, 23)
+    acting: i32 = sat31(damping + lateral + of_rear - ecu.delivered[0])
+    if ecu.axles_known == 0:
+        ecu.axles_known = 1
+        start_balance(ecu, AXLES, acting, momentum)
+    left: i32 = left_over(ecu, cal, AXLES, acting, momentum)
+    stretch(ecu, AXLES, stretched)
+    rough: i32 = product(magnitude(stretched), cal.axles_rough, 10)
+    moments: i32 = magnitude(ecu.delivered[0]) + magnitude(of_rear)
+    leave_room(ecu, AXLES, sat31(rough + rsh(moments, SHARE)), rsh(cal.response_wash, 1))
+    limit: i32 = ecu.balance_room[AXLES] + cal.axles_min
+    if ecu.balance_room[AXLES] > cal.axles_rest:
+        limit = STATE_MAX
+    accuse_axles(ecu, AXLES, left, limit, cal.response_ticks)

@@ -1,0 +1,103 @@
+"""Balances of the moments on the body or an axle: what is left over is not what was reported.
+
+What springs take up is integrated from stroke rates. All of a balance is washed out, so that no
+offset counts, and low-passed, so that the momentum enters without a derivative. A balance of one
+part alone is that part, passed alike: what it may be wrong by is a share of it.
+"""
+
+from firmware.calibration import STATE_MAX, Calibration
+from firmware.fixed_point import product
+from firmware.monitors.redundancy import beyond, lasting, magnitude
+from firmware.state import Ecu
+from firmware.subset import clamp, i32, rsh, sat31
+
+# the balances: of the body, of the body by the lateral acceleration, of one axle less the other
+BODY = 0
+LATERAL = 1
+AXLES = 2
+# what the body's has left over at once
+JUMP = 3
+# of what the springs carry, upright
+HEAVE = 4
+# what the lateral acceleration's has left over for the moments
+STEADY = 5
+# what acts on the body, part by part
+SIDE_FORCE = 6
+SPRINGS = 7
+DAMPERS = 8
+ACTUATORS = 9
+# the washout of the lateral acceleration's and of heave is slower by this power of two
+SLOWER = 4
+# the mean of what a rough road makes forgets by this power of two in a tick
+MEAN = 10
+
+
+def start_balance(ecu: Ecu, which: i32, acting: i32, momentum: i32) -> None:
+    """Start a balance from what acts: nothing is left over now."""
+    ecu.balance_spring[which] = sat31(-acting)
+    ecu.balance_slow[which] = sat31(-momentum)
+    ecu.balance_past[which] = 0
+    ecu.balance_room[which] = 0
+
+
+def left_over(ecu: Ecu, cal: Calibration, which: i32, acting: i32, momentum: i32) -> i32:
+    """Return what is left of a balance, washed out and low-passed.
+
+    ``acting`` is all but the springs' share, ``momentum`` by the low-pass's time constant.
+    """
+    wash: i32 = cal.response_wash
+    if which == LATERAL or which == HEAVE:
+        wash = rsh(wash, SLOWER)
+    spring: i32 = ecu.balance_spring[which]
+    slow: i32 = ecu.balance_slow[which]
+    washed: i32 = sat31(spring + acting)
+    ecu.balance_spring[which] = sat31(spring - product(washed, wash, 30))
+    slow = sat31(slow + product(sat31(washed - momentum - slow), cal.response_pass, 30))
+    ecu.balance_slow[which] = slow
+    return sat31(slow + momentum)
+
+
+def stretch(ecu: Ecu, which: i32, stretched: i32) -> None:
+    """Let the springs of a balance take up ``stretched`` until the next tick."""
+    ecu.balance_spring[which] = sat31(ecu.balance_spring[which] + stretched)
+
+
+def at_once(ecu: Ecu, which: i32, value: i32, fading: i32) -> i32:
+    """Return what is new in ``value``: washed out once more, by ``fading``, of 2^30."""
+    new: i32 = sat31(value - ecu.balance_past[which])
+    ecu.balance_past[which] = sat31(ecu.balance_past[which] + product(new, fading, 30))
+    return new
+
+
+def leave_room(ecu: Ecu, which: i32, size: i32, fading: i32) -> None:
+    """Let what may be left over follow ``size`` up at once and fade by ``fading``, of 2^30."""
+    room: i32 = ecu.balance_room[which]
+    ecu.balance_room[which] = clamp(size, room - product(room, fading, 30), STATE_MAX)
+
+
+def leave_mean(ecu: Ecu, which: i32, change: i32, times: i32) -> i32:
+    """Let so many ``times`` (a power of two) the mean magnitude of ``change`` be left over.
+
+    A rough road makes it, of samples that come early, late, twice or not at all.
+    """
+    room: i32 = ecu.balance_room[which]
+    room = clamp(room - rsh(room, MEAN) + rsh(magnitude(change), MEAN - times), 0, STATE_MAX)
+    ecu.balance_room[which] = room
+    return room
+
+
+def accuse_axles(ecu: Ecu, which: i32, left: i32, limit: i32, ticks: i32) -> None:
+    """Believe no axle once ``left`` has been beyond ``limit`` to one side for so long.
+
+    The balance does not tell which lies. What bounces changes its side before. Ticks to the
+    negative side count as negative.
+    """
+    side: i32 = 1
+    if left < 0:
+        side = -1
+    so_far: i32 = clamp(sat31(side * ecu.balance_ticks[which]), 0, ticks)
+    count: i32 = lasting(so_far, beyond(magnitude(left), limit), ticks)
+    ecu.balance_ticks[which] = sat31(side * count)
+    if count == ticks:
+        ecu.contradicted[0] = 1
+        ecu.contradicted[1] = 1

@@ -1,0 +1,152 @@
+"""Analytic redundancy of the motion sensors: each against what the others say.
+
+The lateral acceleration is also yaw rate times speed, and what steering angle and speed give. In
+the tyres' linear range it is wrong where it lies far outside both; beyond, and long afterwards, as
+their own motion tells and never the accelerometer's, only an opposite sign of lateral acceleration
+and yaw rate that lasts is judged, which no slide shows for long, and a sample that stays the same
+to the last bit while yaw rate times speed moves. Where both agree, turned away from
+where the car was steered to, and are the mirror image of what steering gives, the unit is reversed
+or replayed, or the angle is reversed. A wrong roll rate drives the observer's gyro bias to its
+bound, which no real bias comes near. A finding lasts until the next ``init``.
+"""
+
+from firmware.calibration import BYPASS, STATE_MAX, Calibration
+from firmware.fixed_point import product
+from firmware.state import FIRST_FRAME, GYRO_BIAS, RX_IMU, Ecu
+from firmware.subset import clamp, i32, rsh, sat31
+
+# bits of ecu.valid of an Imu frame: lateral acceleration and yaw rate
+LATERAL_AND_YAW = 6
+# the largest motion of the others fades by these powers of two a sample: in 20 s to tell whether
+# the tyres can be trusted, in 1.3 s for the distance that is expected
+FADING = 11
+EASING = 7
+# low-passes of the mirror image: the motion follows steering in 0.08 s, and 0.16 s are averaged
+FOLLOWING = 3
+AVERAGING = 4
+
+
+def magnitude(value: i32) -> i32:
+    """Return the magnitude of ``value``, at most ``STATE_MAX``."""
+    return clamp(value, clamp(-value, 0, STATE_MAX), STATE_MAX)
+
+
+def lasting(count: i32, bad: i32, samples: i32) -> i32:
+    """Return the number of ``bad`` samples in a row, at most ``samples``; a bad one may be two."""
+    if bad == 0:
+        return 0
+    return clamp(count + bad, 0, samples)
+
+
+def beyond(value: i32, limit: i32) -> i32:
+    """Return 1 for a value beyond ``limit``, 2 beyond its double, which needs half the time."""
+    if value > limit + limit:
+        return 2
+    if value > limit:
+        return 1
+    return 0
+
+
+def gap(value: i32, one: i32, other: i32) -> i32:
+    """Return by how much ``value`` is outside the interval between ``one`` and ``other``."""
+    high: i32 = clamp(one, other, STATE_MAX)
+    low: i32 = clamp(one, -STATE_MAX, other)
+    return clamp(value - high, clamp(low - value, 0, STATE_MAX), STATE_MAX)
+
+
+def opposite(one: i32, other: i32, least: i32) -> i32:
+    """Return 1 where the two have opposite signs and both exceed ``least``."""
+    if one > least and other < -least:
+        return 1
+    if one < -least and other > least:
+        return 1
+    return 0
+
+
+def frozen(ecu: Ecu, cal: Calibration, lateral: i32, turning: i32) -> i32:
+    """Return 1 where the lateral acceleration is what it was at another yaw rate times speed."""
+    if lateral != ecu.frozen_lateral:
+        ecu.frozen_lateral = lateral
+        ecu.frozen_turning = turning
+        return 0
+    if magnitude(turning - ecu.frozen_turning) > cal.opposite_min:
+        return 1
+    return 0
+
+
+def watch_lateral_acceleration(ecu: Ecu, cal: Calibration) -> None:
+    """Judge a sample of the lateral acceleration by yaw rate, speed and steering angle."""
+    lateral: i32 = ecu.lateral_acceleration
+    turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
+    steered: i32 = ecu.steering_acceleration
+    motion: i32 = clamp(magnitude(turning), magnitude(steered), STATE_MAX)
+    ecu.motion_peak = clamp(motion, ecu.motion_peak - rsh(ecu.motion_peak, FADING), STATE_MAX)
+    ecu.motion_now = clamp(motion, ecu.motion_now - rsh(ecu.motion_now, EASING), STATE_MAX)
+    apart: i32 = frozen(ecu, cal, lateral, turning)
+    if ecu.motion_peak < cal.redundancy_limit:
+        limit: i32 = cal.redundancy_min + rsh(ecu.motion_now, 1)
+        if gap(lateral, turning, steered) > limit:
+            apart = 1
+    ecu.apart_samples = lasting(ecu.apart_samples, apart, cal.apart_samples)
+    contrary: i32 = opposite(lateral, turning, cal.opposite_min)
+    ecu.opposite_samples = lasting(ecu.opposite_samples, contrary, cal.opposite_samples)
+    if ecu.apart_samples == cal.apart_samples or ecu.opposite_samples == cal.opposite_samples:
+        ecu.lateral_contradicted = 1
+
+
+def side_of(one: i32, other: i32, least: i32) -> i32:
+    """Return 1 where both exceed ``least``, -1 where both are below its negative, else 0."""
+    if one > least and other > least:
+        return 1
+    if one < -least and other < -least:
+        return -1
+    return 0
+
+
+def watch_side(ecu: Ecu, cal: Calibration, lateral: i32, turning: i32) -> None:
+    """Note whether the unit last turned to a side away from where the car was steered to.
+
+    In a slide with countersteer it is the steering that changes its side.
+    """
+    side: i32 = side_of(lateral, turning, cal.mirror_min)
+    if side != 0 and side != ecu.unit_side:
+        ecu.unit_away = opposite(lateral, ecu.steered_slow, 0)
+        ecu.unit_side = side
+    if magnitude(lateral) <= cal.mirror_min and magnitude(turning) <= cal.mirror_min:
+        ecu.unit_side = 0
+
+
+def watch_mirror_image(ecu: Ecu, cal: Calibration) -> None:
+    """Judge whether lateral acceleration and yaw rate are what steering gives, or its negative."""
+    lateral: i32 = ecu.lateral_acceleration
+    turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
+    slow: i32 = ecu.steered_slow
+    slow = sat31(slow + rsh(ecu.steering_acceleration - slow, FOLLOWING))
+    ecu.steered_slow = slow
+    watch_side(ecu, cal, lateral, turning)
+    if ecu.unit_away == 0:
+        ecu.mirrored = 0
+        return
+    to_it: i32 = clamp(magnitude(turning - slow), 0, magnitude(lateral - slow))
+    to_mirror: i32 = clamp(magnitude(turning + slow), magnitude(lateral + slow), STATE_MAX)
+    nearer: i32 = sat31(to_it - to_mirror - rsh(to_mirror, 1))
+    ecu.mirrored = sat31(ecu.mirrored + rsh(nearer - ecu.mirrored, AVERAGING))
+    if ecu.mirrored > cal.mirror_min and ecu.motion_peak < cal.mirror_limit:
+        ecu.motion_contradicted = 1
+
+
+def watch_redundancy(ecu: Ecu, cal: Calibration) -> None:
+    """Judge each new sample of the inertial measurement while the car moves."""
+    if cal.redundancy_min == 0 or cal.observer == BYPASS:
+        return
+    if (ecu.fresh[RX_IMU] & FIRST_FRAME) == 0 or ecu.gain_factor == 0:
+        return
+    bound: i32 = 0
+    if magnitude(ecu.x[GYRO_BIAS]) >= cal.bias_max:
+        bound = 1
+    ecu.bound_samples = lasting(ecu.bound_samples, bound, cal.bound_samples)
+    if ecu.bound_samples == cal.bound_samples:
+        ecu.rate_contradicted = 1
+    if ecu.motion_lost == 0 and (ecu.valid[RX_IMU] & LATERAL_AND_YAW) == LATERAL_AND_YAW:
+        watch_lateral_acceleration(ecu, cal)
+        watch_mirror_image(ecu, cal)

@@ -1,0 +1,120 @@
+"""The roll rate against those of the suspensions, for a gyro that is off, drifts or is reversed.
+
+The body rolls as its suspensions do, and as the wheels do: on their tyres by a small part of it,
+but at once by what the delivered moments change, on a bank slowly, and over bumps one axle after
+the other. So the roll rate is wrong where it is far outside of the interval between the rates of
+both axles, low-passed, for a while. A single wrong
+stroke rate widens the interval and accuses nobody. Once wheels may have left the road it rests.
+
+A gyro that stands still to the last bit while both suspensions change their rates to one side is
+stuck: no motion and no noise does that, at the tyres' limit neither. A finding lasts until the next
+``init``.
+"""
+
+from firmware.calibration import STATE_MAX, Calibration
+from firmware.fixed_point import product
+from firmware.monitors.redundancy import beyond, gap, lasting, magnitude, side_of
+from firmware.plausibility import NEEDED
+from firmware.state import RX_IMU, RX_SUSPENSION_RATE, Ecu
+from firmware.subset import clamp, i32, rsh, sat31
+
+# bits of ecu.valid of an Imu frame; the first is the roll rate's of cal.measurements too
+ROLL_SIGNAL = 1
+YAW = 4
+# the three rates
+GYRO = 0
+FRONT = 1
+REAR = 2
+# the largest rate fades in 8 time constants of the low-pass, and a quarter of it is left over
+FADING = 3
+SHARE = 2
+
+
+def measured(ecu: Ecu, cal: Calibration) -> i32:
+    """Return 1 where stroke rates, and the roll rate if in use, are known and new, in motion."""
+    stroke: i32 = NEEDED[RX_SUSPENSION_RATE]
+    rate: i32 = cal.measurements & ROLL_SIGNAL
+    if (ecu.valid[RX_IMU] & rate) != rate:
+        return 0
+    if (ecu.valid[RX_SUSPENSION_RATE] & stroke) != stroke:
+        return 0
+    # a frame that repeats its sample is no news
+    if ecu.unchanged[RX_SUSPENSION_RATE] > cal.timeout_ticks[RX_SUSPENSION_RATE]:
+        return 0
+    if ecu.unchanged[RX_IMU] > cal.timeout_ticks[RX_IMU] or ecu.gain_factor == 0:
+        return 0
+    return 1
+
+
+def within(ecu: Ecu, limit: i32) -> i32:
+    """Return 1 where yaw rate and steering tell that the car has stayed below ``limit``."""
+    if (ecu.valid[RX_IMU] & YAW) == 0 or ecu.motion_lost == 1:
+        return 0
+    if ecu.motion_peak > limit:
+        return 0
+    return 1
+
+
+def smooth(ecu: Ecu, cal: Calibration, which: i32, rate: i32) -> None:
+    """Low-pass one of the rates; it starts from what is now."""
+    if ecu.rolling_known == 0:
+        ecu.rolling_rate[which] = rate
+    behind: i32 = sat31(rate - ecu.rolling_rate[which])
+    ecu.rolling_rate[which] = sat31(
+        ecu.rolling_rate[which] + product(behind, cal.response_pass, 30)
+    )
+
+
+def watch_standing(ecu: Ecu, cal: Calibration, front: i32, rear: i32) -> None:
+    """Judge whether the roll rate stands still while the suspensions roll at other rates."""
+    stands: i32 = 0
+    if ecu.roll_rate != ecu.standing_rate:
+        ecu.standing_rate = ecu.roll_rate
+        ecu.standing_front = front
+        ecu.standing_rear = rear
+    elif side_of(front - ecu.standing_front, rear - ecu.standing_rear, cal.rolling_min) != 0:
+        stands = 1
+    ecu.standing_ticks = lasting(ecu.standing_ticks, stands, cal.rolling_ticks)
+    if ecu.standing_ticks == cal.rolling_ticks:
+        ecu.rate_contradicted = 1
+
+
+def watch_rolling(ecu: Ecu, cal: Calibration) -> None:
+    """Judge the roll rate by the newest samples."""
+    if cal.rolling_min == 0 or (cal.measurements & ROLL_SIGNAL) == 0:
+        return
+    if measured(ecu, cal) == 0:
+        ecu.rolling_known = 0
+        ecu.standing_ticks = 0
+        return
+    front: i32 = product(ecu.stroke_rate[0] - ecu.stroke_rate[1], cal.rolling_track[0], 28)
+    rear: i32 = product(ecu.stroke_rate[2] - ecu.stroke_rate[3], cal.rolling_track[1], 28)
+    watch_standing(ecu, cal, front, rear)
+    if within(ecu, cal.axles_limit) == 0:
+        ecu.rolling_known = 0
+        return
+    moment: i32 = sat31(ecu.delivered[0] + ecu.delivered[1])
+    smooth(ecu, cal, GYRO, ecu.roll_rate)
+    smooth(ecu, cal, FRONT, front)
+    smooth(ecu, cal, REAR, rear)
+    if ecu.rolling_known == 0:
+        ecu.rolling_known = 1
+        ecu.rolling_ticks = 0
+        ecu.rolling_size = 0
+        ecu.rolling_moment = moment
+    # so much it has changed within about the low-pass's time constant
+    changed: i32 = sat31(moment - ecu.rolling_moment)
+    ecu.rolling_moment = sat31(ecu.rolling_moment + product(changed, cal.response_pass, 30))
+    front = ecu.rolling_rate[FRONT]
+    rear = ecu.rolling_rate[REAR]
+    size: i32 = ecu.rolling_size
+    size = size - product(size, cal.response_pass, 30 + FADING)
+    on_tyres: i32 = magnitude(product(changed, cal.rolling_tyres, 17))
+    size = clamp(on_tyres, size, STATE_MAX)
+    size = clamp(magnitude(rear), size, STATE_MAX)
+    ecu.rolling_size = clamp(magnitude(front), size, STATE_MAX)
+    apart: i32 = gap(ecu.rolling_rate[GYRO], front, rear)
+    bad: i32 = beyond(apart, cal.rolling_min + rsh(ecu.rolling_size, SHARE))
+    ecu.rolling_ticks = lasting(ecu.rolling_ticks, bad, cal.rolling_ticks)
+    if ecu.rolling_ticks == cal.rolling_ticks:
+        ecu.rate_contradicted = 1

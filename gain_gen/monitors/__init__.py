@@ -1,1 +1,0 @@
-"""Design of the monitors: residuals of the linear car, and thresholds from what is not known."""

@@ -1,0 +1,260 @@
+"""The monitors' balances against their equations in float64, on samples that follow no car."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+import rig
+
+from firmware import calibration as fw
+from firmware.monitors import axles, balance, heave, response, rolling
+from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, Ecu
+
+PASS, WASH = 0.2, 0.0126
+FADING = PASS / 8.0
+STROKE, STRETCH, ARM, INERTIA = (1800.0, 1300.0), 0.05, 595.0, 10_000.0
+AXLES_STRETCH, AXLES_DAMPING, AXLES_ROUGH = (900.0, 700.0), 2.5, 2.0
+REAR, AT_CENTRES, YAW = 1.2, -150.0, 4000.0
+HEAVE_STRETCH = (300.0, 250.0)
+TRACK, TYRES = (0.6, 0.65), 1.6e-4
+PARTS = ("spring", "slow", "past", "room")
+TICKS = 300
+LEAST = 1.0
+"""What a balance may always have left over, N·m."""
+NEVER = 1000
+"""Ticks after which a monitor accuses: more than there are samples."""
+
+
+def watched() -> fw.Calibration:
+    """A calibration with all balances on, which finds nothing in time."""
+    cal = rig.calibration(actuator=fw.BARS)
+    cal.timeout_ticks[RX_SUSPENSION_RATE] = 5
+    cal.response_min, cal.response_limit = round(LEAST * 2**fw.Q_MOMENT), 3 << fw.Q_ACCELERATION
+    cal.response_ticks = cal.rolling_ticks = cal.heave_ticks = NEVER
+    cal.response_stroke = [round(value * 2**10) for value in STROKE]
+    cal.response_stretch = round(STRETCH * 2**30)
+    cal.response_lateral, cal.response_inertia = round(ARM * 2**10), round(INERTIA * 2**10)
+    cal.response_pass, cal.response_wash = round(PASS * 2**30), round(WASH * 2**30)
+    cal.axles_min, cal.axles_rest = 1 << fw.Q_MOMENT, 10_000 << fw.Q_MOMENT
+    cal.axles_limit = 7 << fw.Q_ACCELERATION
+    cal.axles_stretch = [round(value * 2**10) for value in AXLES_STRETCH]
+    cal.axles_damping, cal.axles_rough = round(AXLES_DAMPING * 2**10), round(AXLES_ROUGH * 2**10)
+    cal.axles_rear = round(REAR * 2**28)
+    cal.axles_lateral, cal.axles_yaw = round(AT_CENTRES * 2**10), round(YAW * 2**10)
+    cal.heave_min = 1 << fw.Q_MOMENT
+    cal.heave_stretch = [round(value * 2**10) for value in HEAVE_STRETCH]
+    cal.rolling_min = 1 << fw.Q_RATE - 4
+    cal.rolling_track = [round(value * 2**28) for value in TRACK]
+    cal.rolling_tyres = round(TYRES * 2**30)
+    return cal
+
+
+@dataclass(slots=True)
+class Sample:
+    """What is measured in a tick, SI units."""
+
+    strokes: np.ndarray
+    delivered: np.ndarray
+    lateral: float
+    roll_rate: float
+    yaw_rate: float
+    at_the_limit: bool
+
+    def put(self, ecu: Ecu) -> None:
+        """Give it to the ECU."""
+        ecu.stroke_rate = [round(value * 2**fw.Q_RATE) for value in self.strokes]
+        ecu.delivered = [round(value * 2**fw.Q_MOMENT) for value in self.delivered]
+        ecu.lateral_acceleration = round(self.lateral * 2**fw.Q_ACCELERATION)
+        ecu.roll_rate = round(self.roll_rate * 2**fw.Q_RATE)
+        ecu.yaw_rate = round(self.yaw_rate * 2**fw.Q_RATE)
+        ecu.motion_peak = (4 if self.at_the_limit else 2) << fw.Q_ACCELERATION
+
+
+def samples() -> list[Sample]:
+    """Slow and fast parts of all signals, from rest; the second half is at the tyres' limit."""
+    rng = np.random.default_rng(11)
+    slow = np.cumsum(rng.standard_normal((TICKS, 9)), axis=0) / np.sqrt(TICKS)
+    values = slow + 0.3 * rng.standard_normal((TICKS, 9))
+    values[0] = 0.0
+    return [
+        Sample(0.3 * row[:4], 1500.0 * row[4:6], 3.0 * row[6], *(0.3 * row[7:9]), 2 * tick > TICKS)
+        for tick, row in enumerate(values)
+    ]
+
+
+@dataclass(slots=True)
+class Balance:
+    """A balance in float64."""
+
+    wash: float = WASH
+    spring: float = 0.0
+    slow: float = 0.0
+    past: float = 0.0
+    room: float = 0.0
+
+    def start(self, acting: float, momentum: float) -> None:
+        self.spring, self.slow, self.past, self.room = -acting, -momentum, 0.0, 0.0
+
+    def left_over(self, acting: float, momentum: float) -> float:
+        washed = self.spring + acting
+        self.spring -= washed * self.wash
+        self.slow += (washed - momentum - self.slow) * PASS
+        return self.slow + momentum
+
+    def new(self, value: float, fading: float = FADING) -> float:
+        fresh = value - self.past
+        self.past += fresh * fading
+        return fresh
+
+    def leave_room(self, size: float, fading: float) -> None:
+        self.room = max(size, self.room * (1.0 - fading))
+
+
+def wrong_by(side_force: float, springs: float, actuators: float) -> float:
+    """What the model may be wrong by."""
+    return 3.0 / 8.0 * abs(side_force) + abs(springs) / 4.0 + abs(actuators) / 8.0
+
+
+@dataclass(slots=True)
+class Floats:
+    """All balances in float64."""
+
+    balances: list[Balance] = field(
+        default_factory=lambda: [
+            Balance(WASH / 16.0 if which in (balance.LATERAL, balance.HEAVE) else WASH)
+            for which in range(10)
+        ]
+    )
+    known: bool = False
+    size: float = 0.0
+    changing: float = 0.0
+    rates: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def response(self, it: Sample) -> None:
+        b, strokes = self.balances, it.strokes
+        axle = np.array([strokes[0] - strokes[1], strokes[2] - strokes[3]])
+        damping, moment = float(axle @ STROKE), float(it.delivered.sum())
+        side, momentum = ARM * it.lateral, INERTIA * it.roll_rate
+        acting = damping - moment - side
+        if not self.known:
+            b[balance.SIDE_FORCE].start(side, 0.0)
+            b[balance.SIDE_FORCE].room = 4.0 * LEAST
+            b[balance.SPRINGS].start(0.0, 0.0)
+            b[balance.DAMPERS].start(damping, 0.0)
+            b[balance.ACTUATORS].start(moment, 0.0)
+            b[balance.BODY].start(0.0, momentum)
+            b[balance.JUMP].start(0.0, 0.0)
+            b[balance.BODY].room = b[balance.JUMP].room = abs(damping) + abs(moment) + abs(side)
+            b[balance.LATERAL].start(acting, momentum)
+            b[balance.STEADY].start(0.0, 0.0)
+        stretched = STRETCH * damping
+        shown = abs(b[balance.LATERAL].spring + damping - moment) + abs(damping)
+        slowly = b[balance.LATERAL].left_over(acting, momentum)
+        b[balance.LATERAL].spring += stretched
+        b[balance.LATERAL].leave_room(0.625 * shown, FADING)
+        road = sum(abs(abs(strokes[2 * n]) - abs(strokes[2 * n + 1])) * STROKE[n] for n in range(2))
+        changed = b[balance.DAMPERS].new(damping, 1.0)
+        b[balance.DAMPERS].room += (16.0 * abs(changed) - b[balance.DAMPERS].room) / 1024.0
+        by_force = b[balance.STEADY].new(side, WASH / 16.0)
+        share = 7.0 / 8.0 if slowly * by_force > 0.0 else 1.0 / 2.0
+        wrong = share * abs(by_force) + abs(moment) / 4.0 + road / 2.0
+        b[balance.STEADY].leave_room(wrong, FADING)
+        parts = [balance.SIDE_FORCE, balance.SPRINGS, balance.ACTUATORS]
+        acts = [
+            b[part].left_over(by, 0.0) for part, by in zip(parts, [side, 0.0, moment], strict=True)
+        ]
+        damped = b[balance.DAMPERS].left_over(damping, 0.0)
+        inertia = b[balance.BODY].left_over(0.0, momentum)
+        b[balance.SPRINGS].spring += stretched
+        left = inertia + acts[1] + damped - acts[0] - acts[2]
+        of_limit = 0.75 * abs(inertia) + abs(acts[2]) / 4.0
+        besides = road / 2.0 + (of_limit if it.at_the_limit else 0.0)
+        b[balance.BODY].leave_room(wrong_by(*acts) + besides, FADING)
+        at_once = [b[part].new(value) for part, value in zip(parts, acts, strict=True)]
+        b[balance.JUMP].leave_room(wrong_by(*at_once) + besides, FADING)
+        b[balance.BODY].new(left)
+        b[balance.SIDE_FORCE].leave_room(0.0, 4.0 * WASH)
+
+    def axles(self, it: Sample) -> None:
+        its, strokes = self.balances[balance.AXLES], it.strokes
+        front = AXLES_STRETCH[0] * (strokes[0] - strokes[1])
+        stretched = front - AXLES_STRETCH[1] * (strokes[2] - strokes[3])
+        rear = REAR * it.delivered[1]
+        acting = AXLES_DAMPING * stretched + AT_CENTRES * it.lateral + rear - it.delivered[0]
+        momentum = YAW * it.yaw_rate
+        if not self.known:
+            its.start(acting, momentum)
+        its.left_over(acting, momentum)
+        its.spring += stretched
+        moments = abs(it.delivered[0]) + abs(rear)
+        its.leave_room(AXLES_ROUGH * abs(stretched) + moments / 8.0, WASH / 2.0)
+
+    def heave(self, it: Sample) -> None:
+        its, strokes = self.balances[balance.HEAVE], it.strokes
+        its.left_over(0.0, 0.0)
+        moved = HEAVE_STRETCH[0] * (strokes[0] + strokes[1])
+        moved += HEAVE_STRETCH[1] * (strokes[2] + strokes[3])
+        its.spring += moved
+        its.room += (32.0 * abs(moved) - its.room) / 1024.0
+
+    def rolling(self, it: Sample) -> None:
+        front = TRACK[0] * (it.strokes[0] - it.strokes[1])
+        rates = np.array([it.roll_rate, front, TRACK[1] * (it.strokes[2] - it.strokes[3])])
+        moment = it.delivered.sum()
+        if not self.known:
+            self.rates, self.changing, self.size = rates.copy(), moment, 0.0
+        self.rates += PASS * (rates - self.rates)
+        changed = moment - self.changing
+        self.changing += PASS * changed
+        faded = self.size * (1.0 - FADING)
+        self.size = max(faded, *np.abs(self.rates[1:]), abs(changed) * TYRES)
+
+
+def in_newton_metres(values: list[int]) -> np.ndarray:
+    return np.array(values) / 2**fw.Q_MOMENT
+
+
+@pytest.fixture(scope="module")
+def compared() -> list[tuple[np.ndarray, np.ndarray]]:
+    """The monitors' states and those in float64, tick by tick."""
+    cal = watched()
+    ecu = rig.started(cal)
+    ecu.gain_factor, ecu.motion_lost, ecu.moment_unknown = 1 << 28, 0, 0
+    ecu.enabled = ecu.command_held = 1
+    ecu.valid[RX_IMU], ecu.valid[RX_SUSPENSION_RATE], ecu.valid[RX_ACTUATOR_STATE] = 7, 15, 3
+    floats = Floats()
+    states = []
+    for it in samples():
+        it.put(ecu)
+        rolling.watch_rolling(ecu, cal)
+        response.watch_response(ecu, cal, 1)
+        axles.watch_axles(ecu, cal)
+        heave.watch_heave(ecu, cal)
+        floats.rolling(it)
+        floats.response(it)
+        floats.axles(it)
+        floats.heave(it)
+        floats.known = True
+        balances = [getattr(ecu, f"balance_{part}") for part in PARTS]
+        rates = np.array([*ecu.rolling_rate, ecu.rolling_size]) / 2**fw.Q_RATE
+        states.append(
+            (
+                np.concatenate([in_newton_metres(part) for part in balances]),
+                np.concatenate([[getattr(b, part) for b in floats.balances] for part in PARTS]),
+                np.array([*rates, ecu.rolling_moment / 2**fw.Q_MOMENT]),
+                np.array([*floats.rates, floats.size, floats.changing]),
+            )
+        )
+    assert ecu.response_known == response.BOTH
+    assert ecu.axles_known == ecu.rolling_known == 1
+    return states
+
+
+def test_balances_are_those_of_their_equations(compared):
+    ours, floats = (np.array(part) for part in list(zip(*compared, strict=True))[:2])
+    np.testing.assert_allclose(ours, floats, atol=2.0, rtol=1e-3)
+
+
+def test_rates_are_those_of_their_equations(compared):
+    ours, floats = (np.array(part) for part in list(zip(*compared, strict=True))[2:])
+    np.testing.assert_allclose(ours, floats, atol=1e-4, rtol=1e-3)
