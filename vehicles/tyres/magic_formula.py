@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from math import atan, exp, pi, sin, tan
 from typing import Any, ClassVar
 
-from scipy.optimize import minimize_scalar
-
 from vehicles.tyres import MOST_SLIP, TyreModel
 
 OLD = (6.0, 21.0, 52.0)
@@ -265,6 +263,9 @@ class MagicFormula(TyreModel):
 
     def grip(self, load: float, friction: float) -> float:
         """Largest lateral force (N) of a freely rolling tyre, mean of a left and a right one."""
+        # commands that only name vehicles load no scipy
+        from scipy.optimize import minimize_scalar  # noqa: PLC0415
+
         best = minimize_scalar(
             lambda slip: -self.lateral(load, slip, friction)[0],
             bounds=(0.0, MOST_SLIP),

@@ -233,7 +233,10 @@ def test_a_law_that_oscillates_fails_and_its_draw_can_be_seen_alone(tmp_path, ca
         (["--shard", "1/2", "--json"], "add --out"),
         (["--resume", "--json"], "add --out"),
         (["--until", "2"], "must be above 0 and below 1"),
-        (["--until", "0.1", "--shard", "1/2"], "omit --shard"),
+        (
+            ["--until", "0.1", "--shard", "1/2"],
+            "--shard: --until needs all draws in their order: omit it",
+        ),
         (["--scheduler", "host:8786"], "must be local or an address"),
         (["fishhok"], "did you mean 'fishhook'?"),
         (["fishhook", "j_turn"], "one manoeuvre or campaign file"),
