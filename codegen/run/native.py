@@ -191,7 +191,8 @@ class NativeRecord:
     def __init__(self, value: Any, library: Library) -> None:  # noqa: ANN401
         self._kind: type = value.__class__
         library.check_size(self._kind)
-        self.array = np.frombuffer(image(value), dtype(self._kind), 1).copy()
+        # not copied as an array: that leaves out the padding
+        self.array = np.frombuffer(bytearray(image(value)), dtype(self._kind), 1)
         self.buffer = library.ffi.from_buffer("uint8_t[]", self.array, require_writable=True)
 
     def __getitem__(self, field: str) -> Any:  # noqa: ANN401
