@@ -10,7 +10,7 @@ from firmware.calibration import Calibration
 def compare(firmware: BusFirmware, cal: Calibration) -> None:
     """Drive both through the same random traffic, and compare the records after each tick."""
     library = native.library_of(firmware)
-    cals = np.frombuffer(memory_image.image(cal), memory_image.dtype(Calibration), 1).copy()
+    cals = np.frombuffer(bytearray(memory_image.image(cal)), memory_image.dtype(Calibration), 1)
     traffic = ecu_traffic.random_traffic(5, 60, bus=firmware.bus)
     run = library.replay(library.start(cals), cals, [traffic], states=True)
     assert run.states is not None
