@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, fields
 
+from canroll.errors import UnknownNameError
+
 
 @dataclass(frozen=True, slots=True)
 class Ratio:
@@ -151,3 +153,14 @@ CLASSES = {
     ),
 }
 """Classes by name."""
+
+
+def class_named(kind: str) -> VehicleClass:
+    """Return a class.
+
+    Raises:
+        UnknownNameError: no such class.
+    """
+    if kind not in CLASSES:
+        raise UnknownNameError("class of vehicles", kind, CLASSES)
+    return CLASSES[kind]

@@ -5,7 +5,7 @@ from math import pi, sqrt
 from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
-from vehicles.classes import CLASSES, RATIOS, Ratio
+from vehicles.classes import RATIOS, Ratio, class_named
 from vehicles.load import from_table, load
 from vehicles.model import GRAVITY, SCHEMA, Vehicle
 from vehicles.roll_stiffness import steady_roll
@@ -48,8 +48,7 @@ def estimated(kind: str, known: Mapping[str, float], *, name: str) -> Vehicle:
         UnknownNameError: no such class or ratio.
         CanrollError: a size is missing, or they make an impossible or implausible vehicle.
     """
-    if kind not in CLASSES:
-        raise UnknownNameError("class of vehicles", kind, CLASSES)
+    kept = class_named(kind)
     for key in known:
         if key not in (*SIZES, *RATIOS):
             raise UnknownNameError("size or ratio of a vehicle", key, (*SIZES, *RATIOS))
@@ -61,17 +60,19 @@ def estimated(kind: str, known: Mapping[str, float], *, name: str) -> Vehicle:
     for key, value in known.items():
         if not value > 0.0:
             raise CanrollError(f"{key} {value:g}: must be positive")
-    kept = CLASSES[kind]
     given = {
         key: Ratio(known[key], 0.0, "given") if key in known else getattr(kept, key)
         for key in RATIOS
     }
     base = load(kept.base)
     table = _Estimate(known, given).table(base)
-    provisional = from_table(table | _words(kept.title, kept.base, {}, base), name=name)
-    _add_roll(table, provisional, given)
-    sources = _sources(table, given, kept.base, base)
-    words = _words(kept.title, kept.base, sources, base)
+    words = {
+        "schema": SCHEMA,
+        "title": f"{kept.title}, estimated from mass and size",
+        "basis": f"sizes given, the rest estimated for a {kept.title}; equipment of {kept.base}",
+        "sources": _sources(table, given, base),
+    }
+    _add_roll(table, from_table(table | words, name=name), given)
     return from_table(_rounded(table) | words, name=name, where=f"vehicle {name}", unusual=())
 
 
@@ -201,33 +202,25 @@ _DEPENDS = {
 
 
 def _sources(
-    table: Mapping[str, Any], ratios: Mapping[str, Ratio], base_name: str, base: Vehicle
+    table: Mapping[str, Any], ratios: Mapping[str, Ratio], base: Vehicle
 ) -> dict[str, str]:
     sources = {"geometry.half_track_front": "given", "geometry.half_track_rear": "given"}
     for key, names in _DEPENDS.items():
         used = [ratios[name] for name in names]
         spread = sqrt(sum(ratio.spread**2 for ratio in used))
-        said = "; ".join(dict.fromkeys(ratio.source for ratio in used))
+        origins = "; ".join(dict.fromkeys(ratio.source for ratio in used))
         words = ", ".join(name.replace("_", " ") for name in names)
         sources[key] = (
-            f"estimated ±{100 * spread:.0f} % by {words}: {said}" if spread else f"given by {words}"
+            f"estimated ±{100 * spread:.0f} % by {words}: {origins}"
+            if spread
+            else f"given by {words}"
         )
     for section, part in table.items():
         for key in part:
             path = f"{section}.{key}"
             if path not in sources:
-                sources[path] = f"of {base_name}: {base.source(path)}"
+                sources[path] = f"of {base.name}: {base.source(path)}"
     return sources
-
-
-def _words(title: str, base: str, sources: Mapping[str, str], vehicle: Vehicle) -> dict[str, Any]:
-    return {
-        "schema": SCHEMA,
-        "title": f"{title}, estimated from mass and size",
-        "basis": f"sizes given, the rest estimated for a {title}; equipment of {base}",
-        "sources": dict(sources)
-        or {key: "estimated" for key in vehicle.document if key != "empty"},
-    }
 
 
 def _rounded(table: Mapping[str, Any]) -> dict[str, Any]:

@@ -50,7 +50,8 @@ def _rate(vehicle: Vehicle, axle: int) -> float:
     return (suspension.spring_rate_front, suspension.spring_rate_rear)[axle]
 
 
-def _ride(axle: int) -> Callable[[Vehicle], float]:
+def ride_frequency(axle: int) -> Callable[[Vehicle], float]:
+    """Frequency of the body on one spring of an axle, Hz, of a vehicle."""
     return lambda vehicle: sqrt(_rate(vehicle, axle) / _sprung(vehicle, axle)) / (2 * pi)
 
 
@@ -62,7 +63,9 @@ def _hop(axle: int) -> Callable[[Vehicle], float]:
     return frequency
 
 
-def _cornering(axle: int) -> Callable[[Vehicle], float]:
+def cornering_coefficient(axle: int) -> Callable[[Vehicle], float]:
+    """Cornering stiffness of an axle over its load, 1/rad, of a vehicle."""
+
     def coefficient(vehicle: Vehicle) -> float:
         tyre = vehicle.tyre
         stiffness = (tyre.cornering_stiffness_front, tyre.cornering_stiffness_rear)[axle]
@@ -77,7 +80,7 @@ def _deflection(vehicle: Vehicle) -> float:
 
 
 def _understeer(vehicle: Vehicle) -> float:
-    return degrees(1 / _cornering(0)(vehicle) - 1 / _cornering(1)(vehicle))
+    return degrees(1 / cornering_coefficient(0)(vehicle) - 1 / cornering_coefficient(1)(vehicle))
 
 
 def _gyration(vehicle: Vehicle) -> float:
@@ -130,7 +133,7 @@ BANDS = (
             "Hz",
             0.5,
             4.0,
-            _ride(i),
+            ride_frequency(i),
             f"{GILLESPIE}: soft van to race car",
         )
         for i, axle in enumerate(("front", "rear"))
@@ -142,7 +145,7 @@ BANDS = (
             "1/rad",
             5,
             40,
-            _cornering(i),
+            cornering_coefficient(i),
             "Pacejka, Tire and Vehicle Dynamics: truck tyre to racing tyre",
         )
         for i, axle in enumerate(("front", "rear"))

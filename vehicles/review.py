@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from math import degrees, pi
 
 from vehicles.axles import axles
-from vehicles.classes import CLASSES
+from vehicles.classes import class_named
 from vehicles.model import GRAVITY, Vehicle
-from vehicles.plausible import BANDS
+from vehicles.plausible import BANDS, cornering_coefficient, ride_frequency
 from vehicles.roll_stiffness import suspension_roll_stiffness
 
 
@@ -58,17 +58,6 @@ def _wheel(vehicle: Vehicle) -> float:
     return vehicle.tyre.wheel_inertia / (unsprung / 4 * vehicle.tyre.radius**2)
 
 
-def _ride(vehicle: Vehicle, axle: int) -> float:
-    one = axles(vehicle)[axle]
-    carried = one.wheel_load / GRAVITY - one.unsprung / 2
-    return float((one.spring / carried) ** 0.5) / (2 * pi)
-
-
-def _cornering(vehicle: Vehicle, axle: int) -> float:
-    one = axles(vehicle)[axle]
-    return one.cornering / (2 * one.wheel_load)
-
-
 def _wheel_load(vehicle: Vehicle) -> float:
     return vehicle.total_mass * GRAVITY / 4
 
@@ -80,15 +69,15 @@ RATIO_OF: dict[str, Callable[[Vehicle], float]] = {
     "roll_gyration": lambda v: _gyration(v) / v.geometry.width,
     "yaw_index": _index,
     "pitch_index": lambda v: v.mass.pitch_inertia / v.mass.yaw_inertia,
-    "ride_front": lambda v: _ride(v, 0),
-    "ride_rear": lambda v: _ride(v, 1),
+    "ride_front": ride_frequency(0),
+    "ride_rear": ride_frequency(1),
     "bars": lambda v: suspension_roll_stiffness(v) / _springs(v),
     "front_damping": lambda v: v.suspension.roll_damping_front_share,
     "roll_damping": lambda v: v.plant.damping_ratio,
     "roll_centre_front": lambda v: v.geometry.roll_centre_height_front / v.cg_height,
     "roll_centre_rear": lambda v: v.geometry.roll_centre_height_rear / v.cg_height,
-    "cornering_front": lambda v: _cornering(v, 0),
-    "cornering_rear": lambda v: _cornering(v, 1),
+    "cornering_front": cornering_coefficient(0),
+    "cornering_rear": cornering_coefficient(1),
     "deflection": lambda v: _wheel_load(v) / v.tyre.vertical_stiffness / v.tyre.radius,
     "longitudinal": lambda v: v.tyre.longitudinal_stiffness / _wheel_load(v),
     "wheel_gyration": _wheel,
@@ -139,7 +128,7 @@ def handling(vehicle: Vehicle) -> Iterator[Quantity]:
 
 def beside_class(vehicle: Vehicle, kind: str) -> Iterator[Quantity]:
     """Ratios of a vehicle with the usual ranges of a class."""
-    of_class = CLASSES[kind]
+    of_class = class_named(kind)
     for name, value in RATIO_OF.items():
         ratio = getattr(of_class, name)
         label, unit = LABELS[name]

@@ -356,12 +356,12 @@ def _changed(seed: int, **changes: object) -> Calibration:
     return memory_image.sealed(record)
 
 
-def source(firmware: BusFirmware, found: Sequence[Case]) -> str:
+def source(firmware: BusFirmware, chosen: Sequence[Case]) -> str:
     """Return the cases as a session in C, each a part of it."""
     session = Session(native.NativeMachine(firmware), firmware, gains=False)
     cal = session.record(Calibration())
     ecu = session.record(firmware.record())
-    for case in found:
+    for case in chosen:
         session.begin(case.name)
         cal.fill(memory_image.image(case.record))
         ecu.fill(bytes(len(ecu.image())))
@@ -373,7 +373,7 @@ def source(firmware: BusFirmware, found: Sequence[Case]) -> str:
             session.tick(ecu, cal, elapsed, frames)
     return session.source(
         "Cases for every statement and branch: calibration, frames, all states.",
-        f"{len(found)} cases, all states as the reference",
+        f"{len(chosen)} cases, all states as the reference",
     )
 
 

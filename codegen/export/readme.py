@@ -136,26 +136,28 @@ def _frames(bus: BusMap) -> Iterator[str]:
             if box.name:
                 wide = " (29 bits)" if box.ident & EXTENDED else ""
                 ident = f"0x{box.ident & (EXTENDED - 1):X}{wide}"
-                its = described(box.protection)
+                kind = described(box.protection)
                 name = f"{box.name}: {box.comment}" if box.comment else box.name
                 if box.pages:
                     name += f" (page {', '.join(str(page) for page in box.pages)})"
                 size = str(box.length)
                 if box.fd:
                     size = f"{box.sent_length}, CAN FD{' with BRS' if box.bit_rate_switch else ''}"
-                yield f"| {word} | {number} | {ident} | {size} | {its} | {name} |"
+                yield f"| {word} | {number} | {ident} | {size} | {kind} | {name} |"
 
 
-def described(its: Protection | None) -> str:
+def described(protection: Protection | None) -> str:
     """A short description of a frame's protection: kind, position, bytes covered."""
-    if its is None:
+    if protection is None:
         return "none"
-    parts = ["own" if its.profile == "own" else f"E2E profile {its.profile}"]
-    if its.checksum is not None:
-        parts.append(f"checksum in {_where(its.checksum.place)} over {its.length} bytes")
-    if its.counter is not None:
-        low = its.counter.place.bits[0]
-        parts.append(f"counter 0 to {its.counter.values - 1} at bit {low}")
+    parts = ["own" if protection.profile == "own" else f"E2E profile {protection.profile}"]
+    if protection.checksum is not None:
+        parts.append(
+            f"checksum in {_where(protection.checksum.place)} over {protection.length} bytes"
+        )
+    if protection.counter is not None:
+        low = protection.counter.place.bits[0]
+        parts.append(f"counter 0 to {protection.counter.values - 1} at bit {low}")
     return ", ".join(parts)
 
 

@@ -231,9 +231,9 @@ def _mailbox(frames: Frames, where: str, slot: str, table: object, *, sent: bool
         used.add(choice.name)
     _refuse_like_names(used, where)
     _refuse_stray_bits(message, used, where, sent=sent)
-    its = protection(message, table.get("protection"), used, where, frames.map_file.parent)
+    guard = protection(message, table.get("protection"), used, where, frames.map_file.parent)
     if secoc is not None:
-        refuse_unnamed(its, name, where)
+        refuse_unnamed(guard, name, where)
     ident = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
     return Mailbox(
         slot=slot,
@@ -241,7 +241,7 @@ def _mailbox(frames: Frames, where: str, slot: str, table: object, *, sent: bool
         comment=message.comment or "",
         ident=ident,
         length=message.length if secoc is None else PAYLOAD,
-        protection=its,
+        protection=guard,
         signals=tuple(sorted(mapped, key=lambda signal: signal.page or 0)),
         selector=choice if chosen else None,
         pages=chosen,

@@ -303,24 +303,24 @@ class Scope:
             static = Static({"int": int, "float": float}.get(node.func.id))
         if static is None or static.value is None:
             raise self.refuse(node, "a call of something that is no kernel")
-        its = getattr(static.value, "in_c", static.value)
-        if its is np.empty or hasattr(its, "elements") or hasattr(its, "record"):
+        kernel = getattr(static.value, "in_c", static.value)
+        if kernel is np.empty or hasattr(kernel, "elements") or hasattr(kernel, "record"):
             return self.make(node)
         arguments = [self.value(argument) for argument in node.args]
-        if hasattr(its, "same"):
+        if hasattr(kernel, "same"):
             return arguments[0]
-        if its in (math.floor, np.floor):
+        if kernel in (math.floor, np.floor):
             return Value(INT, f"((int64_t)floor({arguments[0].c}))")
-        if its in (math.isnan, np.isnan):
+        if kernel in (math.isnan, np.isnan):
             return Value(BOOL, f"(isnan({arguments[0].c}) != 0)")
-        if _hashable(its) and its in OF_FLOATS:
+        if _hashable(kernel) and kernel in OF_FLOATS:
             text = ", ".join(f"(double){argument.c}" for argument in arguments)
-            return Value(FLOAT, f"{OF_FLOATS[its]}({text})")
-        if _hashable(its) and its in CASTS:
-            cast, kind = CASTS[its]
+            return Value(FLOAT, f"{OF_FLOATS[kernel]}({text})")
+        if _hashable(kernel) and kernel in CASTS:
+            cast, kind = CASTS[kernel]
             return Value(kind, f"({cast}({arguments[0].c}))")
         given = {word.arg: self.value(word.value) for word in node.keywords if word.arg}
-        return self.call(its, arguments, given)
+        return self.call(kernel, arguments, given)
 
     def _reshaped(self, node: ast.Call, method: ast.Attribute) -> Value:
         owner = self.value(method.value)

@@ -69,9 +69,9 @@ def prove(
     sampled = checker.Sampled(c, condition, claim, tick)
     places, loop = uncertain(c, condition, claim, sampled)
     for point in feasible(loop)[:TRIED]:
-        found = _checked(claim | _written(point, places, condition), c, condition, tick)
-        if found is not None:
-            return found
+        proved = _checked(claim | _written(point, places, condition), c, condition, tick)
+        if proved is not None:
+            return proved
     return None
 
 

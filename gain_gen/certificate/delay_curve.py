@@ -7,9 +7,8 @@ it would have brought about from the start of the tick. The curve F is almost st
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
 
-from gain_gen.models.roll import Matrix
+from gain_gen.models.roll import Matrix, zero_order_hold
 
 POINTS = 65
 RANK = 5
@@ -20,11 +19,11 @@ ENLARGED = 1.01
 
 def lacking(a: Matrix, b: Matrix, tick: float, instants: Matrix) -> Matrix:
     """Return F at every instant, (instants, n); ``a`` (n, n), ``b`` (n,), seconds."""
-    n = len(a)
-    block = np.zeros((n + 1, n + 1))
-    block[:n, :n], block[:n, n] = a, b
-    whole = expm(tick * block)[:n, n]
-    return np.array([whole - expm((tick - s) * block)[:n, n] for s in instants])
+
+    def held(seconds: float) -> Matrix:
+        return zero_order_hold(a, b[:, None], seconds)[1][:, 0]
+
+    return np.array([held(tick) - held(tick - s) for s in instants])
 
 
 @dataclass(frozen=True, slots=True)

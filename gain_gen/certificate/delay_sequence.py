@@ -11,7 +11,6 @@ from itertools import product
 from math import ceil
 
 import numpy as np
-from scipy.linalg import expm
 
 from gain_gen.analysis.family import Member
 from gain_gen.analysis.held_plant import HeldPlant, opened
@@ -46,10 +45,10 @@ def closest(
 ) -> DelaySequence:
     """Return the sequence of largest growth among those tried."""
     loop = _SwitchedLoop(member, at_speed(controller, member.condition.speed), delay)
-    found = [
+    tried = [
         DelaySequence(delays, loop.radius(delays)) for delays in _sequences(delay, loop.tick, seed)
     ]
-    return max(found, key=lambda sequence: (round(sequence.radius, 9), -len(sequence.delays)))
+    return max(tried, key=lambda sequence: (round(sequence.radius, 9), -len(sequence.delays)))
 
 
 def _sequences(delay: tuple[float, float], tick: float, seed: int) -> Iterator[tuple[float, ...]]:
@@ -91,11 +90,11 @@ class _SwitchedLoop:
     def radius(self, delays: Sequence[float]) -> float:
         """Return the growth in a tick of a periodic sequence."""
         period = len(delays)
-        whole = np.eye(len(self._a))
+        transition = np.eye(len(self._a))
         for k in range(period):
             recent = [delays[(k - j) % period] for j in range(self._ages)]
-            whole = self._matrix(recent) @ whole
-        return float(np.abs(np.linalg.eigvals(whole)).max() ** (1.0 / period))
+            transition = self._matrix(recent) @ transition
+        return float(np.abs(np.linalg.eigvals(transition)).max() ** (1.0 / period))
 
     def _matrix(self, recent: Sequence[float]) -> Matrix:
         """Return the closed loop's matrix of a tick; delays of the newest command first."""
@@ -127,9 +126,11 @@ def simulate(
     """
     car, tick = member.plant, controller.tick
     fixed = at_speed(controller, member.condition.speed)
-    n = len(car.a)
-    block = np.zeros((n + 1, n + 1))
-    block[:n, :n], block[:n, n] = car.a, car.command[:, 0]
+
+    def moved(x: Matrix, seconds: float, acting: float) -> Matrix:
+        phi, gamma = zero_order_hold(car.a, car.command, seconds)
+        return phi @ x + acting * gamma[:, 0]
+
     x = np.asarray(roll * member.roll / float(member.roll @ member.roll), dtype=float)
     inner: Matrix = np.zeros(fixed.order)
     acting, under_way = 0.0, list[tuple[float, float]]()
@@ -141,7 +142,7 @@ def simulate(
         now, end = k * tick, (k + 1) * tick
         while under_way and under_way[0][0] < end:
             at, command = under_way.pop(0)
-            x = (expm(block * max(at - now, 0.0)) @ np.append(x, acting))[:n]
+            x = moved(x, max(at - now, 0.0), acting)
             now, acting = max(at, now), command
-        x = (expm(block * (end - now)) @ np.append(x, acting))[:n]
+        x = moved(x, end - now, acting)
     return np.array(angles)

@@ -10,11 +10,11 @@ from pathlib import Path
 import tomli_w
 
 import vehicles
-from canroll.errors import CanrollError, UnknownNameError, reason
+from canroll.errors import CanrollError, reason
 from hil.cli.terminal import show_table
 from hil.report.page import Table
 from vehicles import Vehicle
-from vehicles.classes import CLASSES
+from vehicles.classes import CLASSES, class_named
 from vehicles.estimate import SIZES, estimated
 from vehicles.review import Quantity, beside_class, handling
 
@@ -62,15 +62,15 @@ def _number(key: str, value: str) -> float:
 
 
 def _check(args: argparse.Namespace) -> int:
-    if args.kind is not None and args.kind not in CLASSES:
-        raise UnknownNameError("class of vehicles", args.kind, CLASSES)
+    if args.kind is not None:
+        class_named(args.kind)
     _show(vehicles.load(args.vehicle), args.kind, as_json=args.json)
     return 0
 
 
 def _show(vehicle: Vehicle, kind: str | None, *, as_json: bool) -> None:
     """Print a vehicle's quantities, with the usual ranges of a class."""
-    whole = list(handling(vehicle))
+    quantities = list(handling(vehicle))
     ratios = [] if kind is None else list(beside_class(vehicle, kind))
     if as_json:
         print(
@@ -78,26 +78,26 @@ def _show(vehicle: Vehicle, kind: str | None, *, as_json: bool) -> None:
                 {
                     "vehicle": vehicle.name,
                     "class": kind,
-                    "handling": [asdict(quantity) for quantity in whole],
+                    "handling": [asdict(quantity) for quantity in quantities],
                     "ratios": [asdict(quantity) for quantity in ratios],
                 }
             )
         )
         return
     print(vehicle.title)
-    show_table(_table("", "plausible", whole))
+    show_table(_table("plausible", quantities))
     if kind is None:
         print("\nusual ranges of a class: --class " + ", --class ".join(CLASSES))
         return
     unusual = [quantity.label for quantity in ratios if not quantity.usual]
     verdict = f"unusual: {', '.join(unusual)}" if unusual else "all ratios are usual"
     print(f"\nfor a {CLASSES[kind].title}: {verdict}")
-    show_table(_table("", "usual", ratios))
+    show_table(_table("usual", ratios))
 
 
-def _table(title: str, ranges: str, quantities: Iterable[Quantity]) -> Table:
+def _table(ranges: str, quantities: Iterable[Quantity]) -> Table:
     return Table(
-        title=title,
+        title="",
         head=("", "value", "", ranges, ""),
         rows=[
             (

@@ -109,9 +109,9 @@ def _source(firmware: BusFirmware) -> str:
 
 def session(firmware: BusFirmware) -> Session:
     """A session by the reference: frames protected, and frames of another node judged."""
-    its = Session(native.NativeMachine(firmware), firmware)
-    its.begin("SecOC")
-    node = Secoc(its, firmware)
+    session = Session(native.NativeMachine(firmware), firmware)
+    session.begin("SecOC")
+    node = Secoc(session, firmware)
     node.start(TEST_KEY, 7, LISTENING)
     for step in range(SENT):
         plain = bytes((11 * step + k) & 255 for k in range(PAYLOAD))
@@ -127,5 +127,5 @@ def session(firmware: BusFirmware) -> Session:
             frame[flipped // 8] ^= 1 << flipped % 8
         node.elapse(1)
         node.verify(0, bytes(frame), SECURED)
-    its.digest(its.records["secoc"])
-    return its
+    session.digest(session.records["secoc"])
+    return session
