@@ -21,6 +21,11 @@ UNEVEN = 0.1
 """Fraction of a step by which ticks of a real-time run may start early or late."""
 LEAST_MOMENT = 50.0
 DECAY = 0.7
+"""Least ratio of a swing to the largest one before it.
+
+A stable loop with a damping ratio below about 0.03 decays less in three periods, and counts as a
+limit cycle.
+"""
 EVENNESS = 0.45
 EXCITED = 0.6
 AVERAGES = (0.0, 1.0, 0.5)

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
@@ -111,8 +111,11 @@ LONG = np.arange(0, 14, TICK)
 STEERING = np.interp(LONG, T, 4.0 * LANE_CHANGE)
 """Lateral acceleration, m/s²: a lane change, then 8 s straight on."""
 LIMIT = 2000.0
-LEAST_DAMPING = -np.log(limit_cycle.DECAY) / (np.pi * limit_cycle.HALF_CYCLES_MIN)
-"""Damping ratio whose oscillation decays to DECAY over the shortest limit cycle."""
+LEAST_DAMPING = -np.log(limit_cycle.DECAY) / (np.pi * (limit_cycle.HALF_CYCLES_MIN - 2))
+"""Damping ratio whose oscillation decays to DECAY over whole swings of the shortest limit cycle.
+
+The first of its swings may be one that began before the loop was watched.
+"""
 
 
 class Loop:
@@ -181,6 +184,7 @@ feedbacks = st.tuples(st.floats(0, 8e4), st.floats(-1e4, 2e4))
 
 
 @settings(deadline=None, max_examples=60)
+@example(feedback=(56_000.0, 0.0), delay=3, rate=0.0, seed=0, straight=False)
 @given(feedbacks, st.integers(0, 12), st.floats(0, 0.1), st.integers(0, 1000), st.booleans())
 def test_a_stable_loop_with_noise_has_no_limit_cycle(feedback, delay, rate, seed, straight):
     loop = Loop(lambda roll, roll_rate: -feedback[0] * roll - feedback[1] * roll_rate, delay)
