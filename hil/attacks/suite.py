@@ -110,10 +110,6 @@ class Driven:
     accepted: int
 
 
-Drive = Callable[[Settings, Controller, Attack], Driven]
-"""Drives one attack on a loop: in virtual time, or on an interface."""
-
-
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """What an attack did.
@@ -187,13 +183,12 @@ def run(
     scenario: str,
     *,
     named: str = "",
-    under: Drive | None = None,
     cases: Cases = IN_TURN,
     **choices: Any,  # noqa: ANN401
 ) -> Suite:
     """Drive every attack on the loop of ``choices`` (:class:`hil.setup.choices.Choices`).
 
-    ``named``: attacks whose name contains this. ``under`` drives them, by default in virtual time.
+    ``named``: attacks whose name contains this.
 
     Raises:
         CanrollError: an invalid name or number, no such attack, or a bus of several segments.
@@ -213,17 +208,15 @@ def run(
     ]
     if not chosen:
         raise CanrollError(f"no attack has '{named}' in its name")
-    study = cases.of(identity(settings, controller) | {"attacks": named, "real": under is not None})
+    study = cases.of(identity(settings, controller) | {"attacks": named})
     loop = study.engine.common((settings, controller, passive))
-    arguments = [(loop, number, under) for number in (None, *study.picked(chosen))]
+    arguments = [(loop, number) for number in (None, *study.picked(chosen))]
     outcomes = study.rows(f"attacks on {settings.bus}", attacked, arguments)
     roll = float(np.degrees(peak(passive.signals["roll"])))
     return Suite(settings, settings.firmware.bus.secured, roll, tuple(outcomes))
 
 
-def attacked(
-    loop: tuple[Settings, Controller, Trace], number: int | None, under: Drive | None
-) -> Outcome:
+def attacked(loop: tuple[Settings, Controller, Trace], number: int | None) -> Outcome:
     """Drive the attack of a number, or none.
 
     ``loop``: settings, controller, and the run without control.
@@ -231,11 +224,10 @@ def attacked(
     settings, controller, passive = loop
     attack = NONE if number is None else attacks(settings.command)[number]
     settings = replace(settings, faults=(*settings.faults, *attack.faults))
-    return outcome(settings, controller, passive, attack, under=under)
+    return outcome(settings, controller, passive, attack)
 
 
-def in_virtual_time(settings: Settings, controller: Controller, attack: Attack) -> Driven:
-    """Drive one attack in this process."""
+def _driven(settings: Settings, controller: Controller, attack: Attack) -> Driven:
     world = AttackedWorld(**world_options(settings, enabled=True))
     world.attack(attack.forge, START_NS, seed=settings.seed)
     inner = open_backend(
@@ -257,11 +249,9 @@ def outcome(
     controller: Controller,
     passive: Trace,
     attack: Attack,
-    *,
-    under: Drive | None = None,
 ) -> Outcome:
     """Drive one attack and judge it."""
-    driven = (under or in_virtual_time)(settings, controller, attack)
+    driven = _driven(settings, controller, attack)
     trace = driven.trace
     seen = reaction.observe(trace, passive, ())
     return Outcome(

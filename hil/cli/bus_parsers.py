@@ -288,14 +288,6 @@ def hil(parser: Parser) -> None:
         "(default: %(default)s)",
     )
     parser.add_argument(
-        "--side-channel",
-        needs=("pace=lockstep",),
-        nargs="?",
-        const="127.0.0.1:0",
-        metavar="HOST:PORT",
-        help="lock step: grants on a TCP connection instead of 29-bit frames on the bus",
-    )
-    parser.add_argument(
         "--duration",
         type=float,
         metavar="S",
@@ -310,7 +302,7 @@ def hil(parser: Parser) -> None:
         help="measure for --duration S (default: 10) whether this machine can keep the tick",
     )
     no_run = Relations(excludes={"check": "--check drives no manoeuvre"})
-    parser.relate(no_run, "serve", "side_channel", "pace", "passive")
+    parser.relate(no_run, "serve", "pace", "passive")
     parser.relate(Relations(excludes={"check": "--check writes no files"}), "out", "log", "signals")
 
 
@@ -355,7 +347,7 @@ def ecu(parser: Parser) -> None:
     parser.relate(
         Relations(only=(ON_A_BUS,)),
         *("interface", "bitrate", "fd", "data_bitrate", "bus_kwargs", "timing", "duration"),
-        *("phase_ms", "trace", "pace", "side_channel", "peer_timeout", "cpu", "memory"),
+        *("phase_ms", "trace", "pace", "peer_timeout", "cpu", "memory"),
     )
     parser.relate(
         Relations(
@@ -418,9 +410,8 @@ def attacks(parser: Parser) -> None:
     """Options of ``canroll attacks``."""
     parser.description = (
         "Drive a manoeuvre with an attacker on the bus: spoofed, replayed, damaged and foreign "
-        "frames, floods, and resets of nodes; on 500k and on secured_fd, or on --bus; with -i over "
-        "that interface, in lock step. Exit code 1 if a forged frame is accepted on a bus "
-        "with authenticated frames."
+        "frames, floods, and resets of nodes; on 500k and on secured_fd, or on --bus. "
+        "Exit code 1 if a forged frame is accepted on a bus with authenticated frames."
     )
     add_scenario(parser, DEFAULT_SCENARIO)
     add_choices(
@@ -431,12 +422,8 @@ def attacks(parser: Parser) -> None:
     parser.add_argument(
         "--attack", metavar="TEXT", default="", help="only attacks whose name contains TEXT"
     )
-    add_bus_arguments(parser)
-    parser.set_defaults(serve=None)
     add_execution(parser, "attack")
     add_numbers(parser)
-    alone = {"interface": "an interface carries one attack after the other"}
-    parser.relate(Relations(excludes=alone), "jobs", "scheduler")
 
 
 def watch(parser: Parser) -> None:
@@ -494,12 +481,6 @@ def add_loop_options(parser: Parser) -> None:
         choices=PACES,
         default="realtime",
         help="lockstep: the plant grants each tick, as fast as both can (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--side-channel",
-        needs=("pace=lockstep",),
-        metavar="HOST:PORT",
-        help="lock step: grants on a TCP connection instead of 29-bit frames on the bus",
     )
     parser.add_argument(
         "--peer-timeout",

@@ -28,7 +28,7 @@ from hil.cli.bus_parsers import (
 )
 from hil.cli.options import choices_of, chosen_services, folder_of
 from hil.cli.parser import check_mode
-from hil.realtime import ecu_loop, lockstep, process, side_channel, tick_trace, warm
+from hil.realtime import ecu_loop, lockstep, process, tick_trace, warm
 from hil.realtime.bus_link import CanLink, open_link
 from hil.realtime.hardware import bus_record, lasting
 from hil.realtime.phase_lock import PhaseLock
@@ -235,18 +235,11 @@ def grants_of(
     stop: process.Stop,
     firmware: BusFirmware,
 ) -> lockstep.Grants:
-    """Return the plant's grants, on the bus or on the side channel."""
+    """Return the plant's grants."""
     plants, own = sent_to(firmware), sent_by(firmware)
-    channel: lockstep.Channel
-    if args.side_channel is None:
-        channel = lockstep.InBand(
-            link,
-            sends=lockstep.ACKNOWLEDGEMENT,
-            hears=lockstep.GRANT,
-            idents=plants | own,
-        )
-    else:
-        channel = side_channel.connect(args.side_channel, link)
+    channel = lockstep.Channel(
+        link, sends=lockstep.ACKNOWLEDGEMENT, hears=lockstep.GRANT, idents=plants | own
+    )
     return lockstep.Grants(link, channel, idents=plants, foreign=own, tick_us=tick_us, stop=stop)
 
 

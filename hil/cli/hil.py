@@ -91,7 +91,6 @@ def run(args: argparse.Namespace) -> int:
                 passive_by_programs=args.passive == "hil",
                 duration=args.duration,
                 pace=args.pace,
-                side_channel=args.side_channel,
                 announce=(lambda text: None) if args.json else _announce,
                 serve=args.serve,
                 **choices_of(args, OF_A_RUN),

@@ -8,7 +8,7 @@ from hil.cli.ecu import check_memory, nanoseconds, peer_timeout
 from hil.cli.options import choices_of
 from hil.cli.parser import refuse
 from hil.exchange import signal_files
-from hil.realtime import lockstep, own_bus, plant_loop, plant_record, process, side_channel, warm
+from hil.realtime import lockstep, own_bus, plant_loop, plant_record, process, warm
 from hil.realtime.bus_link import Link, has_bus, open_link, parsed_options
 from hil.realtime.hardware import bus_record, lasting
 from hil.realtime.hardware.interfaces import is_loopback
@@ -127,17 +127,12 @@ def _drive_granting(
     """Drive in lock step with the ECU that answers; None if stopped before."""
     firmware = firmware_of(profile_of(choices_of(args)))
     idents = plant_loop.sent_by(firmware)
-    channel: lockstep.Channel
-    if args.side_channel is None:
-        channel = lockstep.InBand(
-            link,
-            sends=lockstep.GRANT,
-            hears=lockstep.ACKNOWLEDGEMENT,
-            idents=idents.union(firmware.slots),
-        )
-    else:
-        channel = side_channel.listen(args.side_channel, link)
-        print(f"grants at {channel.address}", flush=True)
+    channel = lockstep.Channel(
+        link,
+        sends=lockstep.GRANT,
+        hears=lockstep.ACKNOWLEDGEMENT,
+        idents=idents.union(firmware.slots),
+    )
     ecu = lockstep.GrantedEcu(
         link, channel, idents=idents, stop=stop, peer_timeout=peer_timeout(args)
     )

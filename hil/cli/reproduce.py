@@ -7,7 +7,6 @@ from hil.cli import terminal
 from hil.cli.cases import driven
 from hil.cli.options import folder_of
 from hil.papers import reproduce
-from hil.papers.effort_section import RUNS
 from hil.papers.reproduction_page import reproduction_page
 from hil.report.page import Table
 from hil.report.run_folder import write_page
@@ -16,10 +15,9 @@ from hil.report.staging import page_folder
 
 def run(args: argparse.Namespace) -> int:
     """Recompute, print the verdicts, write reproduction.html, .md and .json."""
-    runs = RUNS if args.runs is None else args.runs
     out = page_folder(folder_of(args))
     with driven(args, out) as cases:
-        found = reproduce.reproduce(args.papers, cases, runs=runs)
+        found = reproduce.reproduce(args.papers, cases)
     texts = {
         "report": (".html", lambda: reproduction_page(found)),
         "tables": (".md", lambda: reproduce.to_markdown(found)),

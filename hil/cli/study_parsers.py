@@ -147,11 +147,5 @@ def reproduce(parser: Parser) -> None:
         metavar="PAPER",
         help="redondo2021, viadero2022, vu2020, yim2020 (default: all)",
     )
-    parser.add_argument(
-        "--runs",
-        type=int,
-        metavar="N",
-        help="paired runs of each law for the comparison with ours (default: 20; 0: none)",
-    )
-    add_execution(parser, "", "only")
+    add_execution(parser, "", "only", "resume", "scheduler")
     add_answer(parser, "the page")

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from canroll.typing import Progress
 from firmware.state import ACTIVE, DEGRADED
 from hil.papers.paper_table import Row, Section
 from hil.report.curves import dash as dashes
@@ -14,7 +13,7 @@ from hil.report.figure import DASHED, Figure, Series
 from hil.runs.metrics import moment
 from hil.runs.result import Result
 from hil.runs.trace import Trace
-from hil.studies.comparison import Named, runs
+from hil.studies.comparison import runs
 from vehicles import GRAVITY
 
 SETTLED = 0.3
@@ -58,17 +57,10 @@ class Case:
     keywords: Mapping[str, Any]
 
 
-def drive(
-    scenario: str, cases: Sequence[Case], common: Mapping[str, Any], report: Progress
-) -> dict[str, Result]:
+def drive(scenario: str, cases: Sequence[Case], common: Mapping[str, Any]) -> dict[str, Result]:
     """Return the result of every case by its row; they share the run without control."""
     wanted = [(case.row, case.keywords) for case in cases]
-    found: list[Named] = []
-    title = cases[0].row.rpartition(", ")[0] or scenario.replace("_", " ")
-    for named in runs(scenario, wanted, common=common):
-        found.append(named)
-        report(title, len(found) / len(cases))
-    return {named.name: named.result for named in found}
+    return {named.name: named.result for named in runs(scenario, wanted, common=common)}
 
 
 def controlled_ticks(trace: Trace) -> Any:  # noqa: ANN401

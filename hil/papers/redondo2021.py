@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from canroll.typing import Progress, Vector
+from canroll.typing import Vector
 from gain_gen.analysis.delay_system import largest_delay
 from gain_gen.laws.hinf_delay import PRINTED_DELAY_GAIN
 from gain_gen.laws.roll_rate_feedback import PRINTED_NO_DELAY_GAIN
@@ -120,7 +120,7 @@ class Theirs:
         return of_loop(loop, scale * lateral, self.transfer)
 
 
-def recompute(report: Progress) -> Recomputed:
+def recompute() -> Recomputed:
     """Return every number of Tables 2 to 7."""
     found: list[Row] = []
     figures: list[Figure] = []
@@ -129,7 +129,7 @@ def recompute(report: Progress) -> Recomputed:
     for test, scenario, speed, table in TESTS:
         cases = [Case(f"{test}, {row}", {"law": law}) for row, law in LAWS.items()]
         runs = {
-            name: drive(scenario, cases, {**COMMON, "speed_kmh": speed, **more}, report)
+            name: drive(scenario, cases, {**COMMON, "speed_kmh": speed, **more})
             for name, more in STEPS
         }
         ours = runs[STEPS[-1][0]]

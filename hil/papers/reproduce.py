@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
-from canroll.errors import CanrollError, UnknownNameError
-from canroll.typing import Progress
+from canroll.errors import UnknownNameError
 from hil.cases.execution import IN_TURN, Cases
 from hil.papers import redondo2021, viadero2022, vu2020, yim2020
-from hil.papers.effort_section import RUNS, beside
 from hil.papers.paper_runs import Headline, Recomputed
 from hil.papers.paper_table import (
     FITTED,
@@ -34,7 +32,7 @@ class Paper:
     name: str
     title: str
     conditions: str
-    recompute: Callable[[Progress], Recomputed]
+    recompute: Callable[[], Recomputed]
 
 
 PAPERS = {
@@ -112,46 +110,33 @@ def spelt(quantity: str) -> str:
     return " ".join(UNITS.get(word, word) for word in quantity.split("_"))
 
 
-def reproduce(
-    names: Sequence[str], cases: Cases = IN_TURN, *, runs: int = RUNS
-) -> list[Reproduction]:
+def reproduce(names: Sequence[str], cases: Cases = IN_TURN) -> list[Reproduction]:
     """Recompute the tables of the papers named, all of them for none.
 
     Args:
         names: keys of :data:`PAPERS`.
-        cases: what drives the laws beside ours, and is told the progress.
-        runs: paired runs of each law beside ours; 0 leaves that comparison out.
+        cases: what recomputes the papers, one a case.
 
     Raises:
         UnknownNameError: there is no such paper.
-        CanrollError: one run, of which there is no interval.
     """
-    if runs < 0 or runs == 1:
-        raise CanrollError(
-            f"--runs must be 0 (no runs) or at least 2 for paired intervals, got {runs}"
-        )
     for name in names:
         if name not in PAPERS:
             raise UnknownNameError("paper", name, PAPERS)
-    found = []
-    for name in names or PAPERS:
-        paper = PAPERS[name]
-        recomputed = paper.recompute(cases.report)
-        sections, figures = [*recomputed.sections], [*recomputed.figures]
-        if runs:
-            tables, trade_off = beside(name, cases, runs=runs)
-            sections, figures = [*sections, *tables], [*figures, trade_off]
-        found.append(
-            Reproduction(
-                paper,
-                judged(recomputed.rows),
-                figures,
-                recomputed.proofs,
-                sections,
-                recomputed.headlines,
-            )
-        )
-    return found
+    return list(cases.rows("papers", _reproduced, [(name,) for name in names or PAPERS]))
+
+
+def _reproduced(name: str) -> Reproduction:
+    paper = PAPERS[name]
+    recomputed = paper.recompute()
+    return Reproduction(
+        paper,
+        judged(recomputed.rows),
+        recomputed.figures,
+        recomputed.proofs,
+        recomputed.sections,
+        recomputed.headlines,
+    )
 
 
 def to_json(found: Sequence[Reproduction]) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from canroll.typing import Progress, Vector
+from canroll.typing import Vector
 from gain_gen.laws.hinf_event import PRINTED_EVENT_GAIN
 from gain_gen.models.roll import ROLL_RATE
 from gain_gen.models.task import EPSILON_SQUARED
@@ -94,7 +94,7 @@ class Theirs:
         return of_loop(loop, (self.scale if plant is None else 1.0) * lateral)
 
 
-def recompute(report: Progress) -> Recomputed:
+def recompute() -> Recomputed:
     """Return every number of Tables I and II, and the transmission rates."""
     found: list[Row] = []
     figures: list[Figure] = []
@@ -108,7 +108,6 @@ def recompute(report: Progress) -> Recomputed:
                 "double_lane_change",
                 [Case(name, {})],
                 {**COMMON, "speed_kmh": speed, **more},
-                report,
             )[name]
             for step, more in STEPS
         }
@@ -146,7 +145,6 @@ def recompute(report: Progress) -> Recomputed:
         "double_lane_change",
         [Case("every", EVERY), Case("event", {"trigger": "event"})],
         {**COMMON, "bus": viadero2022_certificate.BUS, "speed_kmh": TESTS[0][1]},
-        report,
     )
     return Recomputed(
         found,

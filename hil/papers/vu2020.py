@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from canroll.typing import Progress, Vector
+from canroll.typing import Vector
 from gain_gen.models.full_car import (
     INPUT_WEIGHT,
     ROLL,
@@ -165,7 +165,7 @@ def fitted_weight(roll_db: float) -> float:
     return float(10 ** brentq(off, 2.0, 6.0, xtol=1e-6))
 
 
-def recompute(report: Progress) -> Recomputed:
+def recompute() -> Recomputed:
     """Return every number of Tables 3, 4 and 5."""
     tables = printed(PAPER)
     weight = fitted_weight(tables["reduction_db_at_1_rad_s"]["roll"])
@@ -173,9 +173,7 @@ def recompute(report: Progress) -> Recomputed:
     lane_change = tables["double_lane_change"]
     speeds = [float(speed) for speed in lane_change["speed"]]
     cases = [Case(f"{speed:g} km/h", {"speed_kmh": speed}) for speed in speeds]
-    runs = {
-        name: drive("double_lane_change", cases, {**COMMON, **more}, report) for name, more in STEPS
-    }
+    runs = {name: drive("double_lane_change", cases, {**COMMON, **more}) for name, more in STEPS}
     ours = runs[STEPS[-1][0]]
     for place, case in enumerate(cases):
         chain = _chain({name: results[case.row] for name, results in runs.items()}, weight)

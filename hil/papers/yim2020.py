@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from canroll.typing import Progress, Vector
+from canroll.typing import Vector
 from gain_gen.analysis.held_plant import HeldPlant, held
 from gain_gen.laws.state_feedback import PRINTED
 from gain_gen.laws.state_gains import lqr, yim_weights
@@ -32,77 +32,14 @@ from hil.papers.paper_table import Row, Section, Value, printed
 from hil.papers.roll_loop import Kalman, Loop
 from hil.report.figure import Figure
 from hil.runs.experiment import plan, simulate
-from hil.runs.metrics import rms
 from hil.runs.result import Result
 from vehicles import GRAVITY, RollModel, Vehicle
 from vehicles.full_car import INPUTS, STATES, from_vehicle, state_matrices
 from vehicles.roll_stiffness import suspension_roll_stiffness
 
-LAWS = ("lqr", "hinf", "smc")
-ACTUATORS = ("bars", "dampers")
-
-
-def case_1(common: Mapping[str, Any], report: Progress) -> Section:
-    """Return case 1 for both actuators, each law without and with feedforward.
-
-    Args:
-        common: keywords of the paper's runs.
-        report: called with a title and the share done.
-    """
-    rows: list[dict[str, Value]] = []
-    for actuator in ACTUATORS:
-        cases = [
-            Case(
-                f"case 1 with {actuator}, {law}{' with feedforward' * forward}",
-                {"law": law, "feedforward": forward},
-            )
-            for forward in (False, True)
-            for law in LAWS
-        ]
-        keywords = {**common, "actuator": actuator, "observer": "reference"}
-        results = drive("moose", cases, keywords, report)
-        first = next(iter(results.values()))
-        rows.append(_row(actuator, "passive", first, controlled=False))
-        rows += [
-            _row(actuator, name.rpartition(", ")[2], result, controlled=True)
-            for name, result in results.items()
-        ]
-    return Section(
-        "case_1",
-        "Case 1: true roll angle and lateral acceleration, no observer",
-        {
-            "actuator": "actuator",
-            "law": "law",
-            "roll_max_deg": "roll max (deg)",
-            "roll_rate_max_deg_s": "rate max (deg/s)",
-            "moment_max_nm": "moment command, max (N·m)",
-            "moment_step_rms_nm": "RMS change per tick (N·m)",
-        },
-        rows,
-        "The paper prints no numbers for this case; figures 7, 8 and 11 show that it is close to "
-        "cases 2 and 3 except for the noise of the moment. RollReference carries the true "
-        "signals of the plant, so the remaining change per tick is the motion itself.",
-    )
-
-
-def _row(actuator: str, law: str, result: Result, *, controlled: bool) -> dict[str, Value]:
-    metrics = result.controlled_metrics if controlled else result.passive_metrics
-    assert metrics is not None
-    asked = np.zeros(2)
-    if controlled and result.controlled is not None:
-        asked = result.controlled.ticks["moment"]
-    return {
-        "actuator": actuator,
-        "law": law,
-        "roll_max_deg": metrics.roll_max_deg,
-        "roll_rate_max_deg_s": metrics.roll_rate_max_deg_s,
-        "moment_max_nm": float(np.max(np.abs(asked))),
-        "moment_step_rms_nm": rms(np.diff(asked)),
-    }
-
-
 PAPER = "yim2020"
 TITLE = "Yim 2020: active roll stabilisation with disturbance feedforward"
+LAWS = ("lqr", "hinf", "smc")
 COMMON: dict[str, Any] = {
     "vehicle": "suv_2020",
     "plant": "nonlinear",
@@ -199,8 +136,8 @@ class Theirs:
         return of_loop(self.loop(row, actuator, self.vehicle.plant, NOISE, 1.0), self.lateral)
 
 
-def recompute(report: Progress) -> Recomputed:
-    """Return every number of Tables 3 to 6, and the observer-free case 1, which has none."""
+def recompute() -> Recomputed:
+    """Return every number of Tables 3 to 6."""
     found: list[Row] = []
     figures: list[Figure] = []
     theirs: Theirs | None = None
@@ -214,10 +151,7 @@ def recompute(report: Progress) -> Recomputed:
             for row in numbers
             if row != "passive"
         ]
-        runs = {
-            name: drive("moose", cases, {**COMMON, **keywords, **more}, report)
-            for name, more in STEPS
-        }
+        runs = {name: drive("moose", cases, {**COMMON, **keywords, **more}) for name, more in STEPS}
         ours = runs[STEPS[-1][0]]
         first = next(iter(ours.values()))
         if theirs is None:
@@ -233,8 +167,7 @@ def recompute(report: Progress) -> Recomputed:
     sections = [
         design_numbers(PAPER, bars, LAWS, RECOMPUTED),
         on_tyres(theirs.vehicle),
-        case_1(COMMON, report),
-        identification(report),
+        identification(),
     ]
     return Recomputed(found, figures, proofs, sections, HEADLINES)
 
@@ -451,7 +384,7 @@ def spectral_radius(plant: HeldPlant, gain: Matrix) -> float:
     return float(np.max(np.abs(np.linalg.eigvals(closed))))
 
 
-def identification(report: Progress) -> Section:
+def identification() -> Section:
     """Return whether RLS helps where stiffness and damping differ from the design by 30 %."""
     title = "RLS on a vehicle that differs"
     rows: list[dict[str, Any]] = []
@@ -461,7 +394,7 @@ def identification(report: Progress) -> Section:
         for stiffness in (0.7, 1.3)
         for damping in (0.7, 1.3)
     ]
-    for place, (forward, stiffness, damping) in enumerate(cases, 1):
+    for forward, stiffness, damping in cases:
         row: dict[str, Value] = {
             "law": f"LQR{' with feedforward' * forward}",
             "vehicle": f"stiffness × {stiffness}, damping × {damping}",
@@ -480,7 +413,6 @@ def identification(report: Progress) -> Section:
             for quantity in ("roll_max", "roll_error_max"):
                 row[f"{quantity}_{name}"] = figures(quantity)
         rows.append(row)
-        report(title, place / len(cases))
     gains = [100 * (1 - row["roll_max_rls"] / row["roll_max_fixed"]) for row in rows]
     helped = sum(gain > LEAST_GAIN for gain in gains)
     return Section(

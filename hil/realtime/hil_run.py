@@ -27,7 +27,6 @@ def run(
     passive_by_programs: bool = False,
     duration: float | None = None,
     pace: str = "realtime",
-    side_channel: str | None = None,
     announce: Callable[[str], None] = lambda text: None,
     serve: str | None = None,
     **keywords: Any,  # noqa: ANN401
@@ -41,7 +40,6 @@ def run(
         passive_by_programs: drive the run without control with the two programs too.
         duration: s; beyond the manoeuvre only timing is evaluated.
         pace: "realtime", or "lockstep": the plant grants the ECU's ticks.
-        side_channel: address for the grants of lock step; None: the bus carries them.
         announce: called with the name of the current activity.
         serve: ``HOST:PORT`` of the plant's own bus; None: a free port on loopback.
         keywords: of :func:`hil.runs.experiment.plan`.
@@ -62,7 +60,6 @@ def run(
         duration=duration,
         announce=announce,
         pace=pace,
-        side_channel=side_channel,
         serve=serve,
     )
     timing: dict[str, Any] = {}

@@ -14,7 +14,6 @@ import struct
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Protocol
 
 from numpy import uint8
 from numpy.typing import NDArray
@@ -72,23 +71,7 @@ class Note:
         return cls(*struct.unpack(">BIHB", payload)[:3])
 
 
-class Channel(Protocol):
-    """Transport of grants and acknowledgements."""
-
-    def send(self, note: Note) -> None:
-        """Send a note to the other side."""
-
-    def wait(self, timeout: float, take: Callable[[Frame], None]) -> Note | None:
-        """Return the other side's next note, or None after ``timeout`` s.
-
-        ``take`` is called with frames received on the bus meanwhile.
-        """
-
-    def clear(self) -> None:
-        """Discard frames on the bus that were sent before the last grant."""
-
-
-class InBand:
+class Channel:
     """Grants as frames on the bus itself.
 
     Args:
@@ -105,7 +88,7 @@ class InBand:
         for ident in NOTES.intersection(idents):
             raise CanrollError(
                 f"lock step: its grants and acknowledgements have the identifier "
-                f"0x{ident & ~EXTENDED:X} of a frame: send them with --side-channel"
+                f"0x{ident & ~EXTENDED:X} of a frame: use --pace realtime"
             )
         self._link, self._sends, self._hears = link, sends, hears
 
@@ -121,9 +104,6 @@ class InBand:
                 return Note.of(frame[1])
             take(frame)
         return None
-
-    def clear(self) -> None:
-        """Do nothing: frames sent before a grant have arrived before it."""
 
 
 class _Heard:
@@ -333,7 +313,6 @@ class Grants:
                 if self._number != 0:
                     # a run begins: what was heard before is none of it
                     self._heard.frames.clear()
-                    self._channel.clear()
                     self._number, self._sent = 0, 0
                 self._acknowledge()
             elif note.number == self._number:

@@ -40,7 +40,6 @@ class Setup:
         duration: s; None for the manoeuvre's.
         announce: called with the name of the current activity.
         pace: "realtime", or "lockstep": the plant grants the ECU's ticks.
-        side_channel: address for the grants of lock step, HOST:PORT; None: the bus carries them.
         serve: ``HOST:PORT`` of the plant's own bus; None: a free port on loopback.
     """
 
@@ -50,7 +49,6 @@ class Setup:
     duration: float | None
     announce: Callable[[str], None]
     pace: str = "realtime"
-    side_channel: str | None = None
     serve: str | None = None
 
 
@@ -85,10 +83,9 @@ def drive(
         if not bus:
             bus = programs.wait_for(plant, "serving ").split()[1:]
             setup.announce(f"to watch: canroll watch {' '.join(bus)}")
-        grants = [] if setup.side_channel is None else _grants(plant)
         programs.wait_for(plant, "plant waits")
         arguments = ["ecu", "--calibration", str(gains), "--backend", settings.backend]
-        arguments += ["--trace", str(ticks), *_core(setup, 1), *bus, *_pace(setup), *grants]
+        arguments += ["--trace", str(ticks), *_core(setup, 1), *bus, *_pace(setup)]
         frames = ("bus", "dbc", "map", "key")
         arguments += words.arguments({name: getattr(settings, name) for name in frames})
         if setup.pace == "realtime":
@@ -135,8 +132,6 @@ def plant_arguments(settings: Settings, setup: Setup, *, enabled: bool) -> list[
     arguments += words.arguments(world | {"duration": setup.duration})
     if not enabled:
         arguments.append("--passive")
-    if setup.side_channel is not None:
-        arguments += ["--side-channel", setup.side_channel]
     if setup.pace == "lockstep" and settings.phase is not None:
         arguments += words.arguments({"phase_ms": 1e3 * settings.phase})
     return arguments + _core(setup, 0)
@@ -144,11 +139,6 @@ def plant_arguments(settings: Settings, setup: Setup, *, enabled: bool) -> list[
 
 def _pace(setup: Setup) -> list[str]:
     return ["--pace", setup.pace]
-
-
-def _grants(plant: Program) -> list[str]:
-    """Return the ECU's options for the channel of the grants."""
-    return ["--side-channel", programs.wait_for(plant, "grants at ").split()[-1]]
 
 
 def _phase(settings: Settings) -> list[str]:

@@ -9,10 +9,8 @@ import pytest
 import vehicles
 from gain_gen.analysis.held_plant import held
 from gain_gen.models.roll import zero_order_hold
-from hil.cases.execution import IN_TURN
 from hil.cli.main import main
 from hil.papers import yim2020
-from hil.papers.effort_section import BESIDE, OURS, beside, rows
 from hil.papers.linear_roll import fast_share
 from hil.papers.paper_runs import plots
 from hil.papers.paper_table import (
@@ -32,8 +30,6 @@ from hil.papers.reproduction_page import reproduction_page
 from hil.papers.viadero2022_certificate import WATCHED, relative_rule
 from hil.papers.vu2020 import SAME_TABLE, fitted_weight, frequency_domain, linear_states
 from hil.runs import experiment
-from hil.studies import equal_effort
-from hil.studies.equal_effort import EFFORT_TOLERANCE, FIGURES, Comparison
 from vehicles.full_car import AS_PRINTED, REPAIRED, STATES
 
 TABLE_3 = "reduction_db_at_1_rad_s"
@@ -116,7 +112,7 @@ def test_every_paper_has_its_tables():
 
 @pytest.fixture(scope="module")
 def viadero():
-    return reproduce(["viadero2022"], runs=0)
+    return reproduce(["viadero2022"])
 
 
 def test_the_event_triggered_paper_comes_out(viadero):
@@ -319,63 +315,6 @@ def test_fast_share_of_a_command():
     assert fast_share(np.zeros(100), 0.01) == 0
 
 
-def test_rows_of_a_comparison():
-    """Differences are of the reference's mean; a law that cannot run is told, not left out."""
-    runs = np.ones((4, len(FIGURES)))
-    entries = {entry.name: entry for entry in OURS}
-    less = runs.copy()
-    less[:, :2] = np.array([0.5, 0.5, 0.6, 0.4])[:, None]
-    nothing = np.full_like(runs, np.nan)
-    found = rows(
-        Comparison(
-            (
-                equal_effort.Row(entries["hinf_delay"], 1.0, runs, runs[:, 0]),
-                equal_effort.Row(entries["lqg_delay"], 0.5, less, 0.8 * less[:, 0]),
-                equal_effort.Row(
-                    entries["ay_feedforward"], 1.0, nothing, nothing[:, 0], "too little"
-                ),
-            ),
-            "hinf_delay", 1.0, 4, "500k", "van_real", "moose",
-        )
-    )  # fmt: skip
-    reference, ours, refused = found
-    assert reference["roll_rms_difference_percent"] == 0
-    assert ours["roll_rms_difference_percent"] == pytest.approx(-50)
-    assert ours["low_percent"] < -50 < ours["high_percent"] < 0
-    assert ours["verdict"] == "better"
-    assert ours["above_bound_percent"] == pytest.approx(25)
-    assert refused["verdict"] == "too little"
-    assert refused["roll_rms_deg"] is refused["low_percent"] is None
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("paper", PAPERS)
-def test_ours_beside_theirs(paper):
-    """Every scaled law spends what the reference spends, and the trade-off has a curve a law."""
-    sections, figure = beside(paper, IN_TURN, runs=2)
-    scaled = {entry.name for entry in (*BESIDE[paper].own_laws, *OURS) if entry.scaled}
-    for part in sections:
-        found = {row["law"]: row for row in part.rows}
-        assert {"passive", *(entry.name for entry in OURS)} <= set(found)
-        budget = found["plain_feedforward"]["moment_rms_nm"]
-        for law in scaled & set(found):
-            row = found[law]
-            if row["moment_rms_nm"] is None:
-                assert row["verdict"]
-                continue
-            met = row["moment_rms_nm"] == pytest.approx(budget, rel=EFFORT_TOLERANCE)
-            assert met or "the RMS moment" in row["verdict"]
-        for law in ("plain_feedforward", "steering_lead"):
-            met = found[law]["moment_rms_nm"] == pytest.approx(budget, rel=EFFORT_TOLERANCE)
-            assert met or "the RMS moment" in found[law]["verdict"], found[law]
-            assert found[law]["above_bound_percent"] > -2.0
-    laws, bound = figure.series[1:-1], figure.series[-1]
-    assert {curve.name for curve in laws} <= {entry.name for entry in OURS}
-    for law in laws:
-        # as above: under control the driver steers a little otherwise than in the bound
-        assert np.all(law.y > 0.98 * np.interp(law.x, bound.x, bound.y))
-
-
 @pytest.fixture(scope="module")
 def weight():
     return fitted_weight(printed("vu2020")[TABLE_3]["roll"])
@@ -417,8 +356,3 @@ def test_sections_are_in_the_markdown(viadero):
     for part in to_json(viadero)["sections"]:
         assert f"### {part['title']}" in text
         assert len({frozenset(row) for row in part["rows"]}) == 1
-
-
-def test_one_run_has_no_interval(capsys):
-    assert main(["reproduce", "viadero2022", "--runs", "1", "--json"]) == 2
-    assert "at least 2" in capsys.readouterr().err

@@ -14,7 +14,7 @@ from canroll.errors import CanrollError
 from codegen.run.backends import open_backend
 from hil.realtime import ecu_loop, plant_loop, tick_trace
 from hil.realtime.bus_link import EXTENDED, CanLink
-from hil.realtime.lockstep import ACKNOWLEDGEMENT, GRANT, GrantedEcu, Grants, InBand
+from hil.realtime.lockstep import ACKNOWLEDGEMENT, GRANT, Channel, GrantedEcu, Grants
 from hil.realtime.process import Stop
 from hil.runs import virtual_time
 from hil.runs.experiment import build_world, plan
@@ -79,7 +79,7 @@ class Ecu(threading.Thread):
 
 class GrantedThread(Ecu):
     def run(self):
-        channel = InBand(self.link, sends=ACKNOWLEDGEMENT, hears=GRANT)
+        channel = Channel(self.link, sends=ACKNOWLEDGEMENT, hears=GRANT)
         grants = Grants(
             self.link,
             channel,
@@ -124,7 +124,7 @@ def test_lock_step_gives_the_frames_of_virtual_time(planned, links, database):
     ecu = GrantedThread(planned, link)
     ecu.start()
     stop, world = Stop(), build_world(settings, enabled=True)
-    channel = InBand(plant, sends=GRANT, hears=ACKNOWLEDGEMENT)
+    channel = Channel(plant, sends=GRANT, hears=ACKNOWLEDGEMENT)
     idents = plant_loop.sent_by(settings.firmware)
     granted = GrantedEcu(plant, channel, idents=idents, stop=stop, peer_timeout=20.0)
     assert granted.greet(20.0)
@@ -176,5 +176,5 @@ def test_real_time_over_the_virtual_interface(planned, links, database):
 
 
 def test_a_frame_with_the_identifier_of_a_grant_is_refused(links):
-    with pytest.raises(CanrollError, match="0x1CA00000 of a frame: send them with --side-channel"):
-        InBand(links[0], sends=GRANT, hears=ACKNOWLEDGEMENT, idents=[0x80, GRANT])
+    with pytest.raises(CanrollError, match="0x1CA00000 of a frame: use --pace realtime"):
+        Channel(links[0], sends=GRANT, hears=ACKNOWLEDGEMENT, idents=[0x80, GRANT])

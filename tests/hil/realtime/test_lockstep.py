@@ -12,9 +12,9 @@ from canroll.errors import CanrollError, VerdictError
 from codegen.run.backends import PythonEcu
 from firmware.com.signals import TX_IDS
 from firmware.plausibility import FAULT_OWN_IDENTIFIER_HEARD
-from hil.realtime import ecu_loop, lockstep, plant_loop, side_channel, tick_trace
+from hil.realtime import ecu_loop, lockstep, plant_loop, tick_trace
 from hil.realtime.bus_link import EXTENDED
-from hil.realtime.lockstep import ACKNOWLEDGEMENT, END, GRANT, GrantedEcu, Grants, InBand, Note
+from hil.realtime.lockstep import ACKNOWLEDGEMENT, END, GRANT, Channel, GrantedEcu, Grants, Note
 from hil.realtime.process import Stop
 from hil.runs import virtual_time
 from hil.runs.experiment import build_world, plan
@@ -68,7 +68,7 @@ class Ecu(threading.Thread):
     def __init__(self, record, link, channel=None, timeout=20.0):
         super().__init__(daemon=True)
         self.record, self.link, self.stop = record, link, Stop()
-        channel = channel or InBand(link, sends=ACKNOWLEDGEMENT, hears=GRANT)
+        channel = channel or Channel(link, sends=ACKNOWLEDGEMENT, hears=GRANT)
         self.grants = Grants(
             link,
             channel,
@@ -115,7 +115,7 @@ def virtual(planned):
 def drive(planned, plant, channel=None, *, stop=None, timeout=20.0):
     """Drive the plant's side until it ends: its world and its outcome."""
     world = build_world(planned[0], enabled=True)
-    channel = channel or InBand(plant, sends=GRANT, hears=ACKNOWLEDGEMENT)
+    channel = channel or Channel(plant, sends=GRANT, hears=ACKNOWLEDGEMENT)
     stop = stop or Stop()
     ecu = GrantedEcu(plant, channel, idents=TX_IDS, stop=stop, peer_timeout=timeout)
     assert ecu.greet(20.0)
@@ -146,21 +146,6 @@ def test_the_same_bytes_as_in_virtual_time(bus, planned, virtual):
     assert trace.ticks["number"].tolist() == list(range(1, 151))
     assert set(trace.ticks["elapsed"]) == {1}
     assert tick_trace.replay(trace, "python").difference is None
-
-
-def test_a_side_channel_leaves_the_bus_clean(bus, planned, virtual):
-    plant, link = bus
-    seen = []
-    plant.spoil = lambda frame: [seen.append(frame), frame][1:]
-    listening = side_channel.listen("127.0.0.1:0", plant)
-    ecu = Ecu(planned[1].record, link, side_channel.connect(listening.address, link))
-    ecu.start()
-    world, _ = drive(planned, plant, listening)
-    ecu.join(20)
-    listening.close()
-    assert world.frames.tobytes() == virtual.frames.tobytes()
-    assert {ident for ident, _ in seen} <= PLANTS
-    assert ecu.outcome.ticks == 150
 
 
 def test_answers_may_be_lost_and_grants_come_twice(bus, planned, virtual, monkeypatch):
@@ -301,7 +286,7 @@ def test_an_ecu_that_says_nothing_is_lost(bus, planned, monkeypatch):
     plant, link = bus
     ecu = GrantedEcu(
         plant,
-        InBand(plant, sends=GRANT, hears=ACKNOWLEDGEMENT),
+        Channel(plant, sends=GRANT, hears=ACKNOWLEDGEMENT),
         idents=TX_IDS,
         stop=Stop(),
         peer_timeout=0.05,
@@ -317,23 +302,10 @@ def test_an_ecu_that_says_nothing_is_lost(bus, planned, monkeypatch):
 
 def test_an_ecu_with_another_tick_cannot_take_over(bus, planned):
     plant, link = bus
-    channel = InBand(plant, sends=GRANT, hears=ACKNOWLEDGEMENT)
+    channel = Channel(plant, sends=GRANT, hears=ACKNOWLEDGEMENT)
     ecu = GrantedEcu(plant, channel, idents=TX_IDS, stop=Stop(), peer_timeout=5.0)
     link.send(ACKNOWLEDGEMENT, Note(0, 0, 10_000).payload())
     assert ecu.greet(5.0)
     link.send(ACKNOWLEDGEMENT, Note(0, 1, 5_000).payload())
     with pytest.raises(VerdictError, match="the ECU's tick changed to 5 ms, it was 10 ms"):
         ecu.tick()
-
-
-def test_a_side_channel_without_a_plant_is_one_line(bus, monkeypatch):
-    monkeypatch.setattr(side_channel, "CONNECT", 0.0)
-    with pytest.raises(CanrollError, match="no plant is listening"):
-        side_channel.connect("127.0.0.1:1", bus[0])
-    for address in ("nowhere", "127.0.0.1:x", ":5", "127.0.0.1:70000"):
-        with pytest.raises(CanrollError, match="give HOST:PORT"):
-            side_channel.connect(address, bus[0])
-    listening = side_channel.listen("127.0.0.1:0", bus[0])
-    with pytest.raises(CanrollError, match="choose another port"):
-        side_channel.listen(listening.address, bus[0])
-    listening.close()

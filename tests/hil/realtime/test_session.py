@@ -75,7 +75,7 @@ def test_lock_step_is_virtual_time(tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("options", [["--side-channel"], ["--phase", "1.5"], ["--passive", "hil"]])
+@pytest.mark.parametrize("options", [["--phase", "1.5"], ["--passive", "hil"]])
 def test_lock_step_with_options_is_virtual_time(tmp_path, capsys, options):
     arguments = ["double_lane_change", "--law", "lqr", "--duration", "1.5", "--json", "--out"]
     phase = options if options[0] == "--phase" else []
@@ -136,8 +136,6 @@ def test_a_program_that_falls_over_is_quoted(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["hil", "double_lane_change", "--side-channel"], "it belongs to --pace lockstep"),
-        (["plant", "double_lane_change", "--side-channel", "a:1"], "it belongs to --pace lockstep"),
         (["plant", "double_lane_change", "--phase", "1"], "in real time to 'canroll ecu'"),
         (["plant", "double_lane_change", "--peer-timeout", "-1"], "must be at least 0"),
         (["hil", "double_lane_change", "--phase", "12"], "got 12 ms"),

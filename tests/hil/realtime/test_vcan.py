@@ -62,7 +62,7 @@ def witnessed(tmp_path_factory):
         "$PYTHON" -m hil.cli.main $run --out out >first.json
         sleep 0.5
         kill $witness
-        "$PYTHON" -m hil.cli.main $run --out again --side-channel >second.json
+        "$PYTHON" -m hil.cli.main $run --out again >second.json
     """
     ran = on_vcan(script, folder)
     assert ran.returncode == 0, ran.stderr
