@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import tomli_w
@@ -33,6 +34,8 @@ def run(args: argparse.Namespace) -> int:
             "writes"
         )
     start = vehicles.load(choices_of(args, ("vehicle",))["vehicle"])
+    # with --vehicle-set it is called after its changes, which is no name of a file
+    start = replace(start, name=Path(args.vehicle).stem)
     out = folder_of(args)
     if out is not None:
         usable_folder(out)

@@ -93,11 +93,19 @@ class Choice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Channel:
-    """A measured quantity: values in SI units at times (s), in the order of the file."""
+    """A measured quantity: values in SI units at times (s), in the order of the file.
 
-    source: str
+    ``choice`` is the signal of the file that it was read as.
+    """
+
+    choice: Choice
     times: Vector
     values: Vector
+
+    @property
+    def source(self) -> str:
+        """Name of the signal in the file."""
+        return self.choice.name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,7 +173,7 @@ def read(
     for (name, choice), signal in zip(known.items(), signals, strict=True):
         unit = choice.unit or signal.unit
         factor = choice.factor * _factor(f"{file}: {signal.name}", QUANTITIES[name], unit)
-        channels[name] = Channel(signal.name, signal.times, factor * signal.values)
+        channels[name] = Channel(choice, signal.times, factor * signal.values)
     return Log(file, channels, tuple(dict.fromkeys(text for s in signals for text in s.remarks)))
 
 
@@ -229,7 +237,7 @@ def _of_csv(path: Path, choices: Mapping[str, Choice]) -> Log:
         kept = np.isfinite(values) & np.isfinite(times)
         if not kept.all():
             remarks.append(f"{choice.name}: {np.sum(~kept)} rows without a number: left out")
-        channels[name] = Channel(choice.name, times[kept], values[kept])
+        channels[name] = Channel(choice, times[kept], values[kept])
     return Log(str(path), channels, tuple(remarks))
 
 

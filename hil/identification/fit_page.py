@@ -136,20 +136,13 @@ def _figures(fit: Fit) -> list[Figure]:
     for i, one in enumerate(fit.agreements):
         quantity = QUANTITIES[one.name]
         unit, factor = SHOWN.get(quantity.unit, (quantity.unit, 1.0))
-        # a gap between two pieces is one in the curve
-        time, measured, simulated = (
-            np.concatenate([np.append(part, np.nan) for part in parts])
-            for parts in (
-                [curve.piece.time for curve in fit.curves],
-                [factor * curve.piece.measured[:, i] for curve in fit.curves],
-                [factor * curve.simulated[:, i] for curve in fit.curves],
-            )
-        )
-        there = np.isfinite(time)
-        known = there & np.isfinite(measured)
+        time = np.concatenate([curve.piece.time for curve in fit.curves])
+        measured = factor * np.concatenate([curve.piece.measured[:, i] for curve in fit.curves])
+        simulated = factor * np.concatenate([curve.simulated[:, i] for curve in fit.curves])
+        known = np.isfinite(measured)
         curves = [
             Series("measured", time[known], measured[known], 7),
-            Series("fitted", time[there], simulated[there], 1, DASHED),
+            Series("fitted", time, simulated, 1, DASHED),
         ]
         title = f"{quantity.label[0].upper()}{quantity.label[1:]}"
         figures.append(Figure(one.name, title, "time (s)", unit, curves, unit="s"))

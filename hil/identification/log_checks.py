@@ -87,12 +87,19 @@ def check(log: Log, model: Model) -> None:
 
 
 def _remedy(log: Log, slip: _Slip) -> str:
-    label, source = QUANTITIES[slip.signal].label, log.channels[slip.signal].source
-    sign, unit = ("-", "") if slip.factor < 0 else ("", f":{slip.unit}" if slip.unit else "")
-    option = f"--signal {slip.signal}={sign}{source}{unit}"
-    if slip.factor > 0.0 and not unit:
+    label = QUANTITIES[slip.signal].label
+    option = _option(log, slip.signal, slip.unit, turned=slip.factor < 0.0)
+    if slip.factor > 0.0 and not slip.unit:
         option = "--vehicle-set steering.ratio=1"
     return f"{label}: {slip.words}: give {option}"
+
+
+def _option(log: Log, signal: str, unit: str, *, turned: bool) -> str:
+    """Return the option that reads a signal in another unit ("": the same) or sign."""
+    choice = log.channels[signal].choice
+    own = choice.unit if abs(choice.factor) == 1.0 else ""  # else it is that of a map
+    sign = "-" if turned != (choice.factor < 0.0) else ""
+    return f"--signal {signal}={sign}{choice.name}" + (f":{unit or own}" if unit or own else "")
 
 
 def _gain(y: Vector, x: Vector) -> tuple[float, float]:
@@ -180,12 +187,11 @@ def _rolling(log: Log, model: Model) -> Iterator[str]:
         if correlation < 0.0:
             words.append(f"its sign is reversed (correlation {correlation:.2f} with the car's)")
         if abs(natural(size / factor)) < NEAR:
-            unit = f":{large}"
+            unit = large
             words.append(f"{factor:.0f} times too large")
         elif abs(natural(size * factor)) < NEAR:
-            unit = f":{small}"
+            unit = small
             words.append(f"{factor:.0f} times too small")
         if words:
-            sign = "-" if correlation < 0.0 else ""
-            option = f"--signal {name}={sign}{log.channels[name].source}{unit}"
+            option = _option(log, name, unit, turned=correlation < 0.0)
             yield f"{QUANTITIES[name].label}: {', '.join(words)}: give {option}"
