@@ -50,7 +50,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("hil.realtime",),
     ("hil.exchange", "hil.realtime.check"),
     ("hil.report",),
-    ("hil.studies", "hil.watch", "hil.attacks"),
+    ("hil.studies", "hil.watch", "hil.attacks", "hil.identification"),
     ("hil.papers", "hil.campaign"),
     ("hil.cli",),
     ("hil.cli.exchange", "hil.cli.studies"),

@@ -81,6 +81,7 @@ COMMANDS = {
     "vehicle": Command(
         "a vehicle file from mass and size; a vehicle beside its class", "run_parsers:vehicle"
     ),
+    "fit": Command("a vehicle's numbers from a measured drive", "run_parsers:fit"),
     "response": Command(
         "yaw and roll frequency response to steering (ISO 7401)",
         "run_parsers:response",

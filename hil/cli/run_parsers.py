@@ -1,5 +1,6 @@
 """The options of the commands that simulate, and that characterise a vehicle."""
 
+from math import inf
 from typing import Any
 
 from hil.cli.options import (
@@ -13,6 +14,7 @@ from hil.cli.options import (
     add_scenario,
     add_verbose,
     key_value,
+    not_empty,
     path_named,
     scenario,
 )
@@ -160,6 +162,59 @@ def vehicle(parser: Parser) -> None:
         help="a known ratio of the class, such as front_share=0.55; may be repeated",
     )
     add_json(parser)
+
+
+def fit(parser: Parser) -> None:
+    """Options of ``canroll fit``."""
+    parser.description = (
+        "Fit the numbers of a vehicle to a measured drive: the 14-DOF car is steered as measured, "
+        "and its numbers are changed until it moves as measured. Says how sure each is, and what "
+        "the log cannot tell."
+    )
+    parser.add_argument("log", type=not_empty, metavar="LOG", help=".csv .mf4, or a bus log")
+    add_choices(parser, ("vehicle",))
+    parser.add_argument(
+        "--signal",
+        action="append",
+        type=not_empty,
+        metavar="QUANTITY=[-]NAME[:UNIT]",
+        help="signal of the log that is a quantity: steering, speed, yaw_rate, "
+        "lateral_acceleration, roll_rate, roll, travel_front_left, …; - reverses it; may be "
+        "repeated",
+    )
+    parser.add_argument(
+        "--dbc", default="", metavar="FILE", help="network description of a bus log"
+    )
+    parser.add_argument(
+        "--map", default="", metavar="FILE", help="map of its signals to the ECU's fields"
+    )
+    parser.add_argument(
+        "--imu",
+        choices=("body", "levelled"),
+        default="body",
+        help="axes of the inertial unit: the body's, or levelled, without gravity (default: body)",
+    )
+    parser.add_argument(
+        "--from", dest="begin", type=float, default=-inf, metavar="S", help="fit from this time on"
+    )
+    parser.add_argument("--to", dest="end", type=float, default=inf, metavar="S", help="up to this")
+    parser.add_argument("--check", metavar="FROM:TO", help="part (s) to predict with the fit")
+    for name, meaning in (
+        ("free", "fit this number though its source says that it is known"),
+        ("hold", "hold this number"),
+    ):
+        parser.add_argument(
+            f"--{name}", action="append", metavar="KEY", help=f"{meaning}; may be repeated"
+        )
+    parser.add_argument(
+        "--starts",
+        type=int,
+        default=3,
+        metavar="N",
+        help="searches from different numbers (default: %(default)s)",
+    )
+    add_execution(parser, "start", "scheduler", "resume", "only")
+    add_answer(parser, "vehicle, page and covariance")
 
 
 def response(parser: Parser) -> None:

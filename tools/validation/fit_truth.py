@@ -1,0 +1,199 @@
+"""Fits of logs whose truth is known: how often it lies in the interval that a fit states.
+
+``python -m tools.validation.fit_truth COUNT [JOBS]`` prints a table: for each number how often the
+log tells it, how often the truth lies within 1.96 standard deviations, and the deviation over the
+Cramér–Rao bound. The car of a log is drawn from the priors of the one where its fit starts; its
+sensors have noise, offsets and delays.
+"""
+
+import sys
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from canroll.errors import CanrollError
+from canroll.typing import Vector
+from hil.cases.engine import LOCAL, engine, results
+from hil.identification import drive_log, replay, unknowns
+from hil.identification.fit import Fit, Settings, fit
+from hil.identification.pieces import SAMPLE, Piece
+from hil.identification.unknowns import STEERING_OFFSET, delay_key, offset_key
+from vehicles import Vehicle
+from vehicles.check import problems
+from vehicles.estimate import estimated
+
+NAMES = ("yaw_rate", "lateral_acceleration", "roll_rate", "roll")
+NOISE = {"yaw_rate": 0.003, "lateral_acceleration": 0.06, "roll_rate": 0.004, "roll": 0.001}
+"""Standard deviation of the sensors' white noise, SI units; of steering (rad) and speed (m/s):"""
+STEERING_NOISE, SPEED_NOISE = 1e-3, 0.01
+DURATION = 8.0
+VAN = {"mass": 2720.0, "wheelbase": 3.66, "track": 1.735, "height": 2.5}
+COVERED = 1.96
+STATES = ("told", "together", "kept")
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """A synthetic log: where its fit starts, the true numbers, and the file's content."""
+
+    start: Vehicle
+    numbers: dict[str, float]
+    columns: dict[str, Vector]
+
+    def write(self, path: Path) -> None:
+        """Write the log as a CSV."""
+        rows = np.column_stack(list(self.columns.values()))
+        head = ",".join(self.columns)
+        np.savetxt(path, rows, fmt="%.9g", delimiter=",", header=head, comments="")
+
+
+def steering(generator: np.random.Generator, time: Vector) -> Vector:
+    """A free drive: steps of random size every second or so, rounded by the arms, and a sweep."""
+    wheel, at = np.zeros(time.size), 0.5
+    while at < time[-1]:
+        wheel[time >= at] = generator.uniform(-1.0, 1.0)
+        at += generator.uniform(0.5, 1.5)
+    lag = np.exp(-SAMPLE / 0.12)
+    for _ in range(2):
+        for k in range(1, wheel.size):
+            wheel[k] = lag * wheel[k - 1] + (1.0 - lag) * wheel[k]
+    return np.asarray(wheel + 0.15 * np.sin(2 * np.pi * (0.3 + 0.08 * time) * time))
+
+
+def truth(
+    seed: int,
+    start: Vehicle | None = None,
+    *,
+    duration: float = DURATION,
+    held: Collection[str] = (),
+) -> Truth:
+    """Draw a car and its log.
+
+    Args:
+        seed: of all that is drawn.
+        start: where the fit starts; by default a van estimated from its size.
+        duration: of the log (s).
+        held: keys of numbers that are as at the start.
+    """
+    generator = np.random.default_rng(seed)
+    start = start or estimated("van", VAN, name="van")
+    sought = unknowns.unknowns(start, NAMES, held=held)
+    while True:
+        numbers = {u.key: float(_drawn(generator, u)) for u in sought}
+        try:
+            car = unknowns.applied(start, numbers)
+        except CanrollError:
+            continue
+        if not any(problems(car)):
+            break
+    time = np.asarray(SAMPLE * np.arange(round(duration / SAMPLE)), float)
+    wheel, speed = steering(generator, time), 22.0 + 1.5 * np.sin(0.4 * time)
+    piece = Piece(0.0, wheel, speed, NAMES, np.zeros((time.size, len(NAMES))))
+    record = replay.motion(car, piece, 0.0)
+    shown = (
+        wheel
+        + numbers.get(STEERING_OFFSET, 0.0)
+        + STEERING_NOISE * generator.standard_normal(time.size)
+    )
+    columns = {
+        "time": time,
+        "steering_wheel_rad": shown,
+        "speed_m_s": speed + SPEED_NOISE * generator.standard_normal(time.size),
+    }
+    for name in NAMES:
+        column = replay.FRAMES["body"][name]
+        signal = replay.sampled(record, column, piece, numbers.get(delay_key(name), 0.0))
+        noise = NOISE[name] * generator.standard_normal(time.size)
+        columns[name] = signal + numbers.get(offset_key(name), 0.0) + noise
+    return Truth(start, numbers, columns)
+
+
+def _drawn(generator: np.random.Generator, unknown: unknowns.Unknown) -> float:
+    while True:
+        value = generator.normal(unknown.mean, unknown.deviation)
+        if unknown.least < value < unknown.most:
+            return value
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One number of one fit: error and deviation, the least deviation, and the state."""
+
+    key: str
+    error: float
+    deviation: float
+    least: float
+    state: str
+
+
+def fitted(case: Truth, settings: Settings) -> Fit:
+    """Fit the log of a truth."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "drive.csv")
+        case.write(path)
+        return fit(drive_log.read(str(path), {}), case.start, settings)
+
+
+def rows(seed: int) -> list[Row]:
+    """Fit one log and compare with its truth."""
+    case = truth(seed)
+    result = fitted(case, Settings(starts=1))
+    felt = np.array([number.state != "kept" for number in result.numbers])
+    least = result.information.least(felt)
+    return [
+        Row(
+            number.unknown.key,
+            number.value - case.numbers[number.unknown.key],
+            number.deviation,
+            float(bound) * number.unknown.deviation,
+            number.state,
+        )
+        for number, bound in zip(result.numbers, least, strict=True)
+    ]
+
+
+def table(found: list[list[Row]]) -> Iterator[str]:
+    """Lines of the table."""
+    yield "| number | told | with others | kept | within 95 % | deviation over the least |"
+    yield "| --- | ---: | ---: | ---: | ---: | ---: |"
+    inside: list[bool] = []
+    told: list[bool] = []
+    for number in zip(*found, strict=True):
+        good = [abs(row.error) < COVERED * row.deviation for row in number]
+        states = [sum(row.state == state for row in number) for state in STATES]
+        inside += good
+        told += [g for g, row in zip(good, number, strict=True) if row.state == "told"]
+        wide = np.median([row.deviation / row.least for row in number])
+        counts = " | ".join(map(str, states))
+        yield f"| `{number[0].key}` | {counts} | {np.mean(good):.0%} | {wide:.2f} |"
+    yield f"| all | | | | {np.mean(inside):.0%} | |"
+    yield f"| told | | | | {np.mean(told):.0%} | |"
+
+
+def batch(count: int, jobs: int) -> list[list[Row]]:
+    """Fit ``count`` logs."""
+    tasks = [(f"log {seed}", rows, (seed,)) for seed in range(1, count + 1)]
+    found = []
+    with engine(LOCAL, jobs) as where:
+        for name, result, _ in results(where, None, tasks):
+            found.append(result)
+            print(name, file=sys.stderr, flush=True)
+    return found
+
+
+def main(arguments: list[str]) -> int:
+    """Run the command; return the exit code."""
+    match arguments:
+        case [count] | [count, _] if all(text.isdecimal() for text in arguments):
+            jobs = int(arguments[1]) if arguments[1:] else 1
+            print("\n".join(table(batch(int(count), jobs))))
+            return 0
+    print(__doc__, file=sys.stderr)
+    return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
