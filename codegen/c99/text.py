@@ -395,12 +395,15 @@ def comment(text: str, indent: str = "") -> list[str]:
 
 def filled(words: Iterable[str], width: int = WIDTH) -> list[str]:
     """Lines of ``words``, indented by four; a word is never broken."""
-    lines = ["   "]
+    lines: list[str] = []
+    line, length = ["   "], 3
     for word in words:
-        if len(lines[-1]) + 1 + len(word) > width:
-            lines.append("   ")
-        lines[-1] += f" {word}"
-    return lines
+        length += 1 + len(word)
+        if length > width:
+            lines.append(" ".join(line))
+            line, length = ["   "], 4 + len(word)
+        line.append(word)
+    return [*lines, " ".join(line)]
 
 
 OPERATORS = ("+", "-", "*", "/", "|", "||", "&&")

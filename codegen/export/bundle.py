@@ -165,12 +165,14 @@ def _loop(export: Export, code: Code) -> dict[str, str]:
 def _tests(export: Export, code: Code) -> dict[str, str]:
     """The sessions that the bundle tests itself by, and the comparison of its codec."""
     record, services, bus = export.record, export.services, code.general.bus
-    cases = (
-        coverage_cases.cases_of(record, bus) if export.specialised else coverage_cases.cases(bus)
-    )
+    if export.specialised:
+        own = list(coverage_cases.cases_of(record, bus))
+        cases = coverage_cases.source(code.general, own)
+    else:
+        cases = coverage_cases.general(code.general)
     texts = {
         "test/session_vectors.c": _vectors(code.general, export),
-        "test/session_cases.c": coverage_cases.source(code.general, list(cases)),
+        "test/session_cases.c": cases,
     }
     if "xcp" in services:
         texts["test/session_xcp.c"] = xcp_session.source(code.served, record)
@@ -230,7 +232,7 @@ def _described(export: Export, code: Code) -> dict[str, str]:
         "canroll.a2l": a2l.a2l(software, addresses, export.byte_order),
     }
     if not export.specialised:
-        texts[traceability.PAGE] = traceability.page(code.served.program(), files)
+        texts[traceability.PAGE] = traceability.page(code.served)
     return texts
 
 

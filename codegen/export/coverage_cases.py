@@ -8,6 +8,7 @@ no case reaches is in :data:`UNREACHED`, with the reason.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -349,11 +350,23 @@ def _without(message: int) -> list[int]:
     return [0 if k == message else 5 for k in range(5)]
 
 
+@cache
+def _base(seed: int) -> bytes:
+    return memory_image.image(random_calibration(seed))
+
+
 def _changed(seed: int, **changes: object) -> Calibration:
-    record = random_calibration(seed)
+    record = Calibration()
+    memory_image.fill(record, _base(seed))
     for name, value in changes.items():
         setattr(record, name, value)
     return memory_image.sealed(record)
+
+
+@lru_cache(maxsize=4)
+def general(firmware: BusFirmware) -> str:
+    """Return the cases of a firmware for all calibrations; see :func:`source`."""
+    return source(firmware, list(cases(firmware.bus)))
 
 
 def source(firmware: BusFirmware, chosen: Sequence[Case]) -> str:

@@ -17,6 +17,7 @@ from codegen.c99.linkage import Names, linkage
 from codegen.frame import own_checksum
 from codegen.generated import own_stage
 from codegen.proof.prove import Proof, prove
+from codegen.run.bus_firmware import BusFirmware
 from codegen.subset.program import Function, Program
 
 FILE = Path(__file__).with_name("requirements.toml")
@@ -115,9 +116,14 @@ def defined(text: str, name: str) -> int:
     raise CanrollError(f"no function {name} in the C")
 
 
-def page(program: Program, files: Mapping[str, str]) -> str:
+def page(firmware: BusFirmware) -> str:
     """Return the table of a bundle as Markdown."""
-    return "\n".join([*_lines(rows(program, files)), ""])
+    asked = FILE.read_text(encoding="utf-8")
+    return firmware.kept(asked, lambda: _made(firmware))
+
+
+def _made(firmware: BusFirmware) -> str:
+    return "\n".join([*_lines(rows(firmware.program(), firmware.files)), ""])
 
 
 def _lines(found: Mapping[str, list[Row]]) -> Iterator[str]:

@@ -84,8 +84,16 @@ class BusFirmware:
         """The firmware in C, by file name."""
         if not self.modules and not self.services:
             return emit.firmware()
-        parts = sorted(self.modules.items()), self.services, sorted(self._shown.items())
-        return kept.translation(parts, self._translated)
+        return kept.translation(self._parts, self._translated)
+
+    def kept(self, what: str, make: Callable[[], str]) -> str:
+        """Return a text that ``make`` makes of the firmware and ``what`` alone, or made before."""
+        return kept.translation((what, *self._parts), lambda: {"text": make()})["text"]
+
+    @property
+    def _parts(self) -> tuple[object, ...]:
+        """What makes it beside the firmware as checked in."""
+        return sorted(self.modules.items()), self.services, sorted(self._shown.items())
 
     def _translated(self) -> dict[str, str]:
         program = self.program()

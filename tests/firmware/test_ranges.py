@@ -165,11 +165,14 @@ def test_one_tick_from_any_state(seed):
     assert_in_range(ecu)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("part", range(4))
-def test_many_calibrations_in_any_weather(part):
+@pytest.mark.parametrize(
+    ("first", "count"),
+    [pytest.param(0, 100, marks=pytest.mark.slow)]
+    + [pytest.param(1000 * part, 300, marks=pytest.mark.long) for part in range(4)],
+)
+def test_many_calibrations_in_any_weather(first, count):
     modes = set()
-    for seed in range(1000 * part, 1000 * part + 300):
+    for seed in range(first, first + count):
         modes |= storm(random_calibration(seed), seed, 60)
         base = rig.calibration(identification=seed & 1, offset_learning=1, event_trigger=1)
         modes |= storm(random_calibration(seed, base), seed, 120)

@@ -1,8 +1,10 @@
 """The protection of a bus in C, called frame by frame, without the loop around it."""
 
 import ctypes
+import re
 import shutil
 import subprocess
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +25,7 @@ class CompiledProtection:
         files = firmware.files
         for name, text in files.items():
             (folder / name).write_text(text, encoding="utf-8")
-        compiled = [name for name in files if name.endswith(".c")]
+        compiled = _used_by("canroll_protection.c", files)
         library = folder / "protection.so"
         cc = native.compiler()
         assert cc is not None and shutil.which(cc)
@@ -53,6 +55,16 @@ class CompiledProtection:
 
     def _image(self, ecu: object) -> np.ndarray:
         return np.frombuffer(memory_image.image(ecu), np.uint8).copy()
+
+
+def _used_by(source: str, files: Mapping[str, str]) -> list[str]:
+    """A source and those whose headers it includes, directly or not."""
+    used = [source]
+    for name in used:
+        stems = re.findall(r'^#include "(\w+)\.h"', files[name], re.MULTILINE)
+        headers = [f"{stem}.{kind}" for stem in stems for kind in "ch"]
+        used += [header for header in headers if header in files and header not in used]
+    return [name for name in used if name.endswith(".c")]
 
 
 def _at(image: np.ndarray) -> ctypes.c_void_p:

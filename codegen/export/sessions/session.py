@@ -24,6 +24,7 @@ from firmware.calibration import Calibration
 from firmware.subset import fields
 
 WORD = 4
+BYTES = tuple(f"{byte}," for byte in range(256))
 OPERATIONS = 256
 REST = 20
 """Ticks after the last frame to a service."""
@@ -310,7 +311,7 @@ def _encoded(name: str, step: Step) -> Iterator[str]:
     """A step as initialisers of bytes."""
     yield f"{name},"
     for data in (*map(_leb128, step.numbers), step.array, step.expected):
-        yield from (f"{byte}," for byte in data)
+        yield from map(BYTES.__getitem__, data)
 
 
 def _identifiers(operations: Sequence[Operation]) -> dict[Operation, str]:

@@ -4,6 +4,7 @@ import pytest
 
 from canroll import build_cache
 from codegen.c99 import emit, kept
+from codegen.run.bus_firmware import built_in, with_services
 
 
 @pytest.fixture
@@ -56,3 +57,17 @@ def test_an_error_is_raised_each_time(makes):
 
 def test_what_is_kept_is_what_is_translated():
     assert emit.firmware() == emit.emit()
+
+
+def test_a_text_is_kept_by_its_subject_and_firmware(makes):
+    _, made = makes
+
+    def make():
+        made.append(None)
+        return f"text {len(made)}"
+
+    served = with_services(built_in(), ("xcp",))
+    asked = [(built_in(), "page"), (built_in(), "table"), (served, "page")]
+    texts = [firmware.kept(what, make) for firmware, what in asked]
+    assert texts == ["text 1", "text 2", "text 3"]
+    assert [firmware.kept(what, make) for firmware, what in asked] == texts

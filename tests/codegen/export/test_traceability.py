@@ -91,7 +91,7 @@ def test_obligations_are_those_of_the_proof(found):
 def test_an_own_stage_stands_for_itself():
     stage = own_stage.read(ROOT / "examples" / "own_stage" / "progressive.py")
     firmware = with_stage(built_in(), stage)
-    page = traceability.page(firmware.program(), firmware.files)
+    page = traceability.page(firmware)
     assert "## own stage" in page
     assert "| `stage.moment` | progressive.py:56–62 | src/canroll_stage.c:" in page
 

@@ -17,6 +17,8 @@ from codegen.run import ecu_traffic, memory_image, native
 
 FRAMES = "2000"
 REPAIRED = ("vw_meb", "mazda_2017")
+ITSELF = ("vw_meb",)
+"""Its bundle runs its own tests too; what they run of the others is the same loop."""
 WITH_DEFECTS = ("vw_mqb", *REPAIRED)
 CARS = {
     # overlapping signals, units that no other maker writes, signs in bits of their own
@@ -107,8 +109,9 @@ def test_a_real_cars_frames_are_read_as_cantools_reads_them(car, tmp_path):
     as_it_is = (folder / dbc.name).read_bytes() == dbc.read_bytes()
     assert as_it_is == (car not in REPAIRED)
     assert shutil.which("make")
+    goals = ["test", "build/codec"] if car in ITSELF else ["build/codec"]
     for command in (
-        ["make", "-C", str(folder), "test", "build/codec", "CFLAGS=-std=c99 -O1 -Wall -Werror"],
+        ["make", "-C", str(folder), *goals, "CFLAGS=-std=c99 -O1 -Wall -Werror"],
         [sys.executable, str(folder / "test" / "test_codec.py"), "--frames", FRAMES],
     ):
         result = subprocess.run(command, capture_output=True, text=True, timeout=1800, check=False)

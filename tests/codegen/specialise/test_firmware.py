@@ -97,8 +97,10 @@ def test_cpython_runs_the_specialised_source_to_the_same_bytes(recording):
     assert python_difference(recording.calibration, traffic) is None
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "seed",
+    [pytest.param(seed, marks=pytest.mark.long if seed else pytest.mark.slow) for seed in range(3)],
+)
 def test_any_calibration_can_be_specialised(seed):
     """Coefficients anywhere in their ranges, options in any combination."""
     calibration = ecu_traffic.random_calibration(seed)

@@ -168,25 +168,25 @@ def test_the_budget_for_the_host_is_judged(calibration_file, tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tick", [20, 5, 2, 1])
+@pytest.mark.parametrize("tick", [20, 1])
 def test_every_tick_rate_controls(tick, capsys):
-    arguments = ["double_lane_change", "--tick", str(tick), "--duration", "5", "--json"]
+    arguments = ["double_lane_change", "--tick", str(tick), "--law", "lqr"]
+    arguments += ["--duration", "3", "--json"]
     assert main(["hil", *arguments, "--pace", "lockstep"]) == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["tick_ms"] == tick
-    assert answer["timing"]["ticks"] == 5000 / tick
+    assert answer["timing"]["ticks"] == 3000 / tick
     roll = [answer[name]["roll_max_deg"] for name in ("passive", "controlled")]
     assert roll[1] < 0.75 * roll[0]
     assert main(["run", *arguments]) == 0
     assert json.loads(capsys.readouterr().out)["controlled"] == answer["controlled"]
 
 
-LONG_RUN = ("random_road", "--law", "lqr", "--set", "duration=300")
+LONG_RUN = ("random_road", "--law", "lqr", "--set", "duration=100")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("side", ["plant", "ecu"])
-@pytest.mark.parametrize("pace", ["realtime", "lockstep"])
+@pytest.mark.parametrize(("pace", "side"), [("realtime", "ecu"), ("lockstep", "plant")])
 def test_a_killed_side_leaves_no_verdict(programs, tmp_path, pace, side):
     run, pids = start_run(programs, *LONG_RUN, "--pace", pace, "--out", tmp_path / "out")
     os.kill(pids[side], signal.SIGKILL)
@@ -199,14 +199,14 @@ def test_a_killed_side_leaves_no_verdict(programs, tmp_path, pace, side):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("side", ["plant", "ecu"])
-def test_a_side_that_stands_still_changes_nothing_in_lock_step(programs, tmp_path, capsys, side):
+def test_a_side_that_stands_still_changes_nothing_in_lock_step(programs, tmp_path, capsys):
     out = tmp_path / "out"
     arguments = ["random_road", "--law", "lqr"]
     run, pids = start_run(programs, *arguments, "--pace", "lockstep", "--out", out)
-    os.kill(pids[side], signal.SIGSTOP)
-    time.sleep(1.5)
-    os.kill(pids[side], signal.SIGCONT)
+    for pid in pids.values():
+        os.kill(pid, signal.SIGSTOP)
+        time.sleep(1.5)
+        os.kill(pid, signal.SIGCONT)
     assert run.end() in (0, 1), run.said
     assert "Not valid" not in run.said
     assert main(["run", *arguments, "--out", str(tmp_path / "virtual")]) in (0, 1)

@@ -142,7 +142,7 @@ def test_bits_and_lengths_equal_an_independent_encoder(kinds):
     compare(1000, kinds, seed=5)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("kinds", "count"), [(CLASSIC, 70_000), (FLEXIBLE, 30_000)])
 def test_a_hundred_thousand_frames_equal_an_independent_encoder(kinds, count):
     compare(count, kinds, seed=6)
