@@ -41,7 +41,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("plant_sim.nodes", "plant_sim.driving", "codegen.export", "gain_gen.analysis"),
     ("plant_sim.faults", "plant_sim.fmi", "gain_gen.laws", "codegen.fmu"),
     ("plant_sim.world",),
-    ("gain_gen.output_feedback",),
+    ("gain_gen.monitors", "gain_gen.output_feedback"),
     ("gain_gen.calibration",),
     ("gain_gen",),
     ("gain_gen.certificate", "hil.reaction", "hil.network", "hil.setup"),

@@ -10,9 +10,13 @@ from codegen.export.header import gains_header
 from codegen.generated import own_stage
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import calibrate, physical_notes, summary, title
+from gain_gen.calibration.quantise import Options
 from gain_gen.design import design
 from gain_gen.laws import LAWS
 from gain_gen.models.task import Check, Delay, Design, Task
+from gain_gen.monitors.detectability import Detectable, detectable
+from gain_gen.monitors.residuals import bank_of
+from gain_gen.monitors.uncertainty import Uncertainty
 from hil.cli import design_view, terminal
 from hil.cli.cases import driven
 from hil.cli.design_parsers import DEFAULT_DELAY_MS
@@ -76,14 +80,25 @@ def run(args: argparse.Namespace) -> int:
     with writing(files[1]):
         files[1].write_text(header, encoding="utf-8")
     if args.json:
-        print(json.dumps(summary(answer) | {"files": [str(path) for path in files]}))
+        faults = [row.to_json() for row in faults_of(answer.task, options)]
+        written = {"detectability": faults, "files": [str(path) for path in files]}
+        print(json.dumps(summary(answer) | written))
     else:
         show(answer)
         if args.verbose:
             print()
             terminal.show_table(design_view.others(answer))
+            print(f"\n{design_view.DETECTABILITY}")
+            terminal.show_table(design_view.detectability(faults_of(answer.task, options)))
         print(f"written: {', '.join(str(path) for path in files)}")
     return 1 if answer.failures else 0
+
+
+def faults_of(task: Task, options: Options) -> tuple[Detectable, ...]:
+    """Return what of constant faults can be found with the signals that a design receives."""
+    moments = task.actuator in ("suspension", "bars") and options.moment_reported
+    bank = bank_of(task, Uncertainty(), suspension=options.response_watch, moments=moments)
+    return detectable(bank, task.vehicle)
 
 
 def show(answer: Design) -> None:

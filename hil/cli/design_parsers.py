@@ -92,7 +92,7 @@ def design(parser: Parser) -> None:
     add_spread(parser)
     add_choices(parser, OF_A_DRIVE)
     add_json(parser)
-    add_verbose(parser, "the numbers without a limit")
+    add_verbose(parser, "the numbers without a limit and the least faults that can be found")
     parser.add_argument(
         "--out",
         type=path_named,

@@ -1,0 +1,86 @@
+"""A bank of residuals in SI units: parts and residuals.
+
+A part is a filtered combination of at most two signals, a residual a signed sum of parts, its
+threshold a weighted sum of their magnitudes and a floor (parity relations with adaptive thresholds:
+Chow and Willsky 1984, Gertler 1998).
+"""
+
+from dataclasses import dataclass
+from math import ceil, inf, pi
+
+DIRECT, INTEGRAL, DERIVATIVE, STEP = "direct", "integral", "derivative", "step"
+"""Kinds of parts; "step" is the mean magnitude of a signal's steps."""
+SIGNALS = (
+    *("stroke_front", "stroke_rear", "heave_front", "heave_rear", "moment_front", "moment_rear"),
+    *("lateral", "turning", "steered", "roll_rate", "yaw_rate"),
+)
+"""Measured signals: left − right and left + right stroke rates (m/s), delivered
+moments (N·m), lateral acceleration as measured, as yaw rate × speed and as steering and speed give
+it (m/s²), roll rate, yaw rate (rad/s)."""
+MEAN = 10.0
+"""Time over which the mean magnitude of steps is taken, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A filtered signal in N·m.
+
+    Attributes:
+        name: in words.
+        kind: how: :data:`DIRECT`, ``INTEGRAL``, ``DERIVATIVE`` or ``STEP``.
+        gains: by signal; N·m per unit, of an integral per s.
+        washout: corner of the washout, Hz; 0: none.
+        low_pass: time constant of the low-pass, s; of a derivative of what is subtracted.
+    """
+
+    name: str
+    kind: str
+    gains: dict[str, float]
+    washout: float = 0.0
+    low_pass: float = 0.05
+
+    def memory(self, tick: float) -> float:
+        """Return the washout's time constant in ticks; infinite without one."""
+        return 1.0 / (2.0 * pi * self.washout * tick) if self.washout else inf
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """A part in a residual: its sign there, and the share of its size by which that is wrong."""
+
+    part: str
+    sign: int
+    weight: float
+
+
+@dataclass(frozen=True, slots=True)
+class Residual:
+    """A residual.
+
+    Attributes:
+        name: in words.
+        terms: its terms; those of sign 0 occur in the threshold alone.
+        floor: of the threshold, N·m.
+        time: without a break beyond the threshold before it is raised, s.
+        limit: largest lateral acceleration by yaw rate or steering at which it holds, m/s².
+    """
+
+    name: str
+    terms: tuple[Term, ...]
+    floor: float
+    time: float
+    limit: float = inf
+
+
+@dataclass(frozen=True, slots=True)
+class Bank:
+    """Parts by name and residuals of one car at one ``tick`` (s)."""
+
+    parts: dict[str, Part]
+    residuals: tuple[Residual, ...]
+    tick: float
+
+
+def ticks_of(time: float, tick: float) -> int:
+    """Return the least number of ticks that last ``time`` s, at least two."""
+    return max(2, ceil(time / tick - 1e-6))

@@ -1,0 +1,342 @@
+"""The residuals of a car: balances that are zero where the linear car and all sensors are right.
+
+All residuals are moments in N·m, that of heave a force in
+N: the lateral acceleration counts by m h, a roll rate by the roll damping.
+"""
+
+from functools import partial
+from math import inf, sin, sqrt
+
+from gain_gen.models.task import Task
+from gain_gen.monitors.bank import (
+    DERIVATIVE,
+    DIRECT,
+    INTEGRAL,
+    MEAN,
+    STEP,
+    Bank,
+    Part,
+    Residual,
+    Term,
+)
+from gain_gen.monitors.linear_car import (
+    Car,
+    axle_forces,
+    car_of,
+    deviation,
+    effective_inertia,
+    lifting,
+    off_stops,
+    rolled,
+    steering_deviation,
+    tilted,
+)
+from gain_gen.monitors.noise import OF_RATE, OF_STEPS, floor, walk
+from gain_gen.monitors.uncertainty import NOMINAL, Uncertainty
+from vehicles import GRAVITY
+
+LOW_PASS = 0.05
+"""Time constant of the low-pass, s."""
+SLOW, FAST, AXLES = 0.0125, 0.8, 0.2
+"""Corners of the washouts, Hz: of the body twice, of the axles."""
+LATERAL_TIME, GYRO_TIME, HEAVE_TIME = 0.08, 0.05, 1.0
+"""How long without a break, s; of the body two time constants of the low-pass and a tick."""
+SLOWEST = 20.0
+"""Speed above which a bump is shorter than the axles' time: both axles have passed it, m/s."""
+LINEAR = 5.0
+"""Lateral acceleration by yaw rate or steering up to which tyres are linear, m/s²: half of what a
+dry road gives."""
+
+
+def bank_of(task: Task, box: Uncertainty, *, suspension: bool, moments: bool) -> Bank:
+    """Return the bank of residuals of a design.
+
+    Args:
+        task: of the design.
+        box: what is not known.
+        suspension: whether stroke rates are received.
+        moments: whether the actuators' commands are moments, and reported.
+    """
+    gyro = task.observer not in ("acceleration", "acceleration_propagated", "reference")
+    builder = Builder(car_of(task.vehicle), box, task.tick)
+    if task.observer != "reference":
+        builder.lateral()
+        if gyro and suspension:
+            builder.gyro(moments)
+        if suspension and moments:
+            if gyro:
+                builder.body()
+            builder.axles()
+            if task.actuator == "suspension":
+                builder.heave()
+    return Bank(builder.parts, tuple(builder.residuals), builder.tick)
+
+
+class Builder:
+    """Parts and residuals as they are added; a residual names the parts it is made of."""
+
+    def __init__(self, car: Car, box: Uncertainty, tick: float) -> None:
+        self.car, self.box, self.tick = car, box, tick
+        self.parts: dict[str, Part] = {}
+        self.residuals: list[Residual] = []
+        geometry = car.vehicle.geometry
+        self.body_time = 2.0 * LOW_PASS + self.tick
+        self.axle_time = geometry.wheelbase / SLOWEST
+        self.on_road = min(lifting(car)) / (1.0 + box.height)
+
+    def part(self, *args: str, gains: dict[str, float], washout: float = 0.0, **more: float) -> str:
+        """Add a part of a name and kind; return its name."""
+        name, kind = args
+        self.parts[name] = Part(name, kind, gains, washout, more.get("low_pass", LOW_PASS))
+        return name
+
+    def residual(
+        self,
+        name: str,
+        terms: list[Term],
+        *,
+        time: float,
+        besides: float = 0.0,
+        limit: float = inf,
+    ) -> None:
+        """Add a residual, its floor that of the noise and a constant ``besides``."""
+        noise = floor(
+            self.parts,
+            terms,
+            vehicle=self.car.vehicle,
+            box=self.box,
+            tick=self.tick,
+            time=time,
+        )
+        self.residuals.append(Residual(name, tuple(terms), noise + besides, time, limit))
+
+    def strokes(self, gains: tuple[float, float], factor: float = 1.0) -> dict[str, float]:
+        """Return gains of both axles' stroke rates from those of their roll rates."""
+        tracks = self.car.tracks
+        return {
+            "stroke_front": factor * gains[0] / tracks[0],
+            "stroke_rear": factor * gains[1] / tracks[1],
+        }
+
+    def late(self, washout: float) -> float:
+        """Return how far an integral walks for samples that are lost, per mean step."""
+        integral = Part("", INTEGRAL, {}, washout)
+        return walk(integral, self.box, self.tick, OF_STEPS * sqrt(self.box.late))
+
+    def body(self) -> None:
+        """Add the balance of moments on the body: J p' + springs + dampers = m h a_y + moments.
+
+        What its stops bear is in no residual: on them it does not hold.
+        """
+        car, box = self.car, self.box
+        springs = car.stiffness * car.shares[0], car.stiffness * car.shares[1]
+        inertia = deviation(lambda f: effective_inertia(car, f), box, ("mass", "height", "inertia"))
+        side = deviation(lambda f: f.mass * f.height, box, ("mass", "height"))
+        j = effective_inertia(car, NOMINAL) / LOW_PASS
+        late = self.late(SLOW)
+        steps = self.part(
+            "steps of the springs", STEP, gains=self.strokes(springs, late), low_pass=MEAN
+        )
+        limit = off_stops(car, box)
+        for name, washout in (("slow", SLOW), ("fast", FAST)):
+            terms = [
+                Term(
+                    self.part(
+                        f"momentum, {name}", DERIVATIVE, gains={"roll_rate": j}, washout=washout
+                    ),
+                    1,
+                    inertia,
+                ),
+                Term(
+                    self.part(
+                        f"springs, {name}", INTEGRAL, gains=self.strokes(springs), washout=washout
+                    ),
+                    1,
+                    box.stiffness,
+                ),
+                Term(
+                    self.part(
+                        f"dampers, {name}",
+                        DIRECT,
+                        gains=self.strokes(car.dampers),
+                        washout=washout,
+                    ),
+                    1,
+                    box.damping,
+                ),
+                Term(
+                    self.part(f"side, {name}", DIRECT, gains={"lateral": car.arm}, washout=washout),
+                    -1,
+                    side,
+                ),
+                Term(
+                    self.part(
+                        f"moments, {name}",
+                        DIRECT,
+                        gains={"moment_front": 1.0, "moment_rear": 1.0},
+                        washout=washout,
+                    ),
+                    -1,
+                    box.moment,
+                ),
+                Term(
+                    steps,
+                    0,
+                    self.late(washout) / late,
+                ),
+            ]
+            self.residual(
+                f"body, {name}",
+                terms,
+                time=self.body_time,
+                limit=limit,
+            )
+
+    def lateral(self) -> None:
+        """Add the lateral acceleration against yaw rate × speed and against steering."""
+        car, box = self.car, self.box
+        names = ("mass", "height", "stiffness", "speed")
+        gain, m = tilted(car, NOMINAL), car.arm
+        apart = deviation(lambda f: f.speed * tilted(car, f), box, names)
+        turn = self.part("turn", DIRECT, gains={"turning": gain * m, "lateral": -m})
+        turning = self.part("turning", DIRECT, gains={"turning": gain * m})
+        steer = self.part("steer", DIRECT, gains={"steered": gain * m, "lateral": -m})
+        angle = self.part("steered", DIRECT, gains={"steered": gain * m})
+        change = self.part(
+            "change of steering", DERIVATIVE, gains={"steered": gain * m}, low_pass=box.response
+        )
+        least = (box.sideslip + GRAVITY * sin(box.bank)) * m
+        terms = [Term(turn, 1, 0.0), Term(turning, 0, apart)]
+        self.residual("turn", terms, time=LATERAL_TIME, besides=least, limit=LINEAR)
+        terms = [
+            Term(steer, 1, 0.0),
+            Term(angle, 0, steering_deviation(car, box)),
+            Term(change, 0, 1.0),
+        ]
+        self.residual("steer", terms, time=LATERAL_TIME, besides=least, limit=LINEAR)
+
+    def gyro(self, moments: bool) -> None:
+        """Add the roll rate against that of each suspension.
+
+        The body rolls as they do and as their tyres do: by a share of it in a curve, at once by
+        what changed moments compress of them. What one axle meets alone makes both suspensions
+        roll apart by as much.
+        """
+        car, box = self.car, self.box
+        damping = car.vehicle.design.roll_damping
+        rate = self.part("roll rate", DIRECT, gains={"roll_rate": damping})
+        per = [rolled(car, axle, NOMINAL) / car.tracks[axle] for axle in range(2)]
+        apart = self.part(
+            "suspensions apart",
+            DIRECT,
+            gains={"stroke_front": damping * per[0], "stroke_rear": -damping * per[1]},
+        )
+        terms = [Term(apart, 0, 1.0)]
+        if moments:
+            tyres = damping / LOW_PASS
+            moved = self.part(
+                "moments on the tyres",
+                DERIVATIVE,
+                gains={
+                    "moment_front": tyres / car.tyres[0],
+                    "moment_rear": tyres / car.tyres[1],
+                },
+            )
+            terms.append(Term(moved, 0, 1.0))
+        for axle, name in enumerate(("front", "rear")):
+            difference = self.part(
+                f"gyro less {name}",
+                DIRECT,
+                gains={"roll_rate": damping, f"stroke_{name}": -damping * per[axle]},
+            )
+            weight = deviation(partial(rolled, car, axle), box, ("tyre", "stiffness"))
+            self.residual(
+                f"gyro, {name}",
+                [Term(difference, 1, 0.0), Term(rate, 0, weight), *terms],
+                time=GYRO_TIME,
+                besides=box.bank_rate * damping,
+                limit=self.on_road,
+            )
+
+    def axles(self) -> None:
+        """Add the tyres of one axle against the other's, as moments on the front's.
+
+        The body is rigid in roll: its suspensions roll apart only as their tyres do, which bear
+        springs, dampers and moment of their axle and the lateral force at its roll centre.
+        """
+        car, box = self.car, self.box
+        vehicle, scale = car.vehicle, car.scale
+        springs = [
+            factor * car.stiffness * share for factor, share in zip(scale, car.shares, strict=True)
+        ]
+        tyre = car.tyres[0]
+        lateral, yaw, carried = axle_forces(vehicle, scale)
+        stretch = self.part(
+            "suspensions and tyres apart",
+            INTEGRAL,
+            gains=self.strokes((springs[0] + tyre, -springs[1] - tyre)),
+            washout=AXLES,
+        )
+        bump = self.part(
+            "rate apart", DIRECT, gains=self.strokes((tyre, -tyre), box.bump), washout=AXLES
+        )
+        damped = self.part(
+            "dampers apart",
+            DIRECT,
+            gains=self.strokes((car.dampers[0], -scale[1] * car.dampers[1])),
+            washout=AXLES,
+        )
+        side = self.part(
+            "forces at the roll centres", DIRECT, gains={"lateral": lateral}, washout=AXLES
+        )
+        centres = self.part(
+            "roll centres", DIRECT, gains={"lateral": carried * box.roll_centre}, washout=AXLES
+        )
+        front = self.part("front moment", DIRECT, gains={"moment_front": 1.0}, washout=AXLES)
+        rear = self.part("rear moment", DIRECT, gains={"moment_rear": scale[1]}, washout=AXLES)
+        turned = self.part(
+            "yaw at the roll centres", DERIVATIVE, gains={"yaw_rate": yaw / LOW_PASS}
+        )
+        road = self.part(
+            "steps apart",
+            STEP,
+            gains=self.strokes(
+                (tyre, -tyre), walk(Part("", INTEGRAL, {}, AXLES), box, self.tick, OF_RATE)
+            ),
+            low_pass=MEAN,
+        )
+        terms = [
+            Term(stretch, 1, max(box.tyre, box.stiffness)),
+            Term(bump, 0, 1.0),
+            Term(damped, 1, box.damping),
+            Term(side, 1, box.mass),
+            Term(centres, 0, 1.0),
+            Term(front, -1, box.moment),
+            Term(rear, 1, box.moment),
+            Term(turned, 1, box.mass),
+            Term(road, 0, 1.0),
+        ]
+        self.residual("axles", terms, time=self.axle_time, limit=self.on_road)
+
+    def heave(self) -> None:
+        """Add what the springs carry: the body's weight, however it moves, and hills (N)."""
+        box, suspension = self.box, self.car.vehicle.suspension
+        rates = {
+            "heave_front": suspension.spring_rate_front,
+            "heave_rear": suspension.spring_rate_rear,
+        }
+        carried = self.part("carried by the springs", INTEGRAL, gains=rates, washout=SLOW)
+        factor = self.late(SLOW)
+        steps = self.part(
+            "steps of heave",
+            STEP,
+            gains={name: factor * rate for name, rate in rates.items()},
+            low_pass=MEAN,
+        )
+        mass = (1.0 + box.mass) * self.car.vehicle.design.sprung_mass
+        self.residual(
+            "heave",
+            [Term(carried, 1, box.stiffness), Term(steps, 0, 1.0)],
+            time=HEAVE_TIME,
+            besides=box.hill * mass,
+        )
