@@ -32,6 +32,13 @@ N_RX = 5
 N_POINTS = 8
 N_ORDER = 8
 N_RING = 32
+# of the residuals
+N_INPUTS = 16
+N_PARTS = 36
+N_DERIVATIVES = 6
+N_RESIDUALS = 12
+N_TERMS = 48
+N_SIGNATURES = 12
 
 Q_ANGLE = 30
 Q_RATE = 27
@@ -105,6 +112,26 @@ class Calibration:
     compensator_outputs: Annotated[u8, F(1, 2, 0, "", "1 moment, or front and rear")]
     compensator_shift: Annotated[list[u8], N_ORDER, F(1, 60, 0, "", "shift of each state row")]
     compensator_output_shift: Annotated[list[u8], 2, F(1, 60, 0, "", "shift of each output")]
+
+    # residuals
+    part_end: Annotated[list[u8], 4, F(0, N_PARTS, 0, "", "end of the parts of a kind")]
+    part_input: Annotated[list[list[u8]], N_PARTS, 2, F(0, N_INPUTS - 1, 0, "", "its two inputs")]
+    part_needs: Annotated[list[u8], N_PARTS, F(0, 63, 0, "", "bits of the inputs it needs")]
+    term_part: Annotated[list[u8], N_TERMS, F(0, N_PARTS - 1, 0, "", "part of a term")]
+    term_sign: Annotated[
+        list[u8], N_TERMS, F(0, 2, 0, "", "2: added, 0: subtracted, 1: in the threshold alone")
+    ]
+    term_weight: Annotated[list[u8], N_TERMS, F(0, 255, 6, "", "of its size in the threshold")]
+    residual_end: Annotated[list[u8], N_RESIDUALS, F(0, N_TERMS, 0, "", "end of its terms")]
+    residual_needs: Annotated[list[u8], N_RESIDUALS, F(0, 63, 0, "", "bits of the inputs it needs")]
+    signature_ticks: Annotated[
+        list[u8], N_SIGNATURES, F(1, 255, 0, "ticks", "seen without a break that count")
+    ]
+    signature_wrong: Annotated[
+        list[u8],
+        N_SIGNATURES,
+        F(0, 15, 0, "", "1 lateral acceleration, 2 roll rate, 4 front, 8 rear axle"),
+    ]
 
     # speed schedule and fading
     schedule_points: Annotated[u8, F(1, N_POINTS, 0, "", "points of the speed schedule")]
@@ -282,24 +309,21 @@ class Calibration:
     envelope_ticks: Annotated[i32, F(1, 1 << 20, 0, "ticks", "a moment outward is cut after")]
     envelope_pass: Annotated[i32, F(0, ONE, Q_UNIT, "", "low-pass of a_y: its weight per tick")]
 
-    # redundancy monitor
-    redundancy_min: Annotated[
-        i32, F(0, STATE_MAX // 2, Q_ACCELERATION, "m/s2", "least gap of a_y that counts, 0: off")
-    ]
-    redundancy_limit: Annotated[
-        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "end of the tyres' linear range")
-    ]
-    opposite_min: Annotated[
-        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "least a_y and yaw rate times speed")
-    ]
-    apart_samples: Annotated[i32, F(1, 1000, 0, "", "outside both or frozen in a row that count")]
-    opposite_samples: Annotated[i32, F(1, 1000, 0, "", "of opposite sign in a row that count")]
-    bound_samples: Annotated[i32, F(1, 1000, 0, "", "gyro bias at its bound in a row that count")]
+    # mirror monitor
     mirror_limit: Annotated[
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "no mirror image is judged above")
     ]
     mirror_min: Annotated[
-        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "so much nearer to it is a mirror image")
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "so much nearer is a mirror image, 0: off")
+    ]
+
+    # held signals: lateral acceleration, roll rate
+    held_min: Annotated[
+        list[i32], 2, F(0, STATE_MAX, 0, "", "by which the others have moved: Q24 m/s2, Q27 rad/s")
+    ]
+    held_ticks: Annotated[list[i32], 2, F(1, 1000, 0, "ticks", "without a break that count")]
+    held_roll: Annotated[
+        list[i32], 2, F(0, 4 << 28, 28, "1/m", "roll over stroke rates, by axle; 0: off")
     ]
 
     # clock monitor
@@ -329,78 +353,37 @@ class Calibration:
         i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least width of the band's edges, 0: off")
     ]
 
-    # rolling monitor: the roll rate by the suspensions
-    rolling_min: Annotated[
-        i32, F(0, STATE_MAX, Q_RATE, "rad/s", "least distance from both axles, 0: off")
+    # residuals: parts of kinds direct, integral, derivative and mean step, in this order
+    part_gain: Annotated[
+        list[list[i32]], N_PARTS, 2, F(-COEFFICIENT, COEFFICIENT, 20, "", "of its inputs")
     ]
-    rolling_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "so far without a break that count")]
-    rolling_track: Annotated[list[i32], 2, F(0, 4 << 28, 28, "1/m", "roll over difference")]
-    rolling_tyres: Annotated[
-        i32, F(0, ONE, Q_UNIT, "1/(N·m·s)", "roll on the tyres over change of moment, times 4")
+    part_wash: Annotated[
+        list[i32], N_PARTS, F(0, ONE, Q_UNIT, "", "washout: share that goes per tick, 0: none")
     ]
-
-    # response monitor: I_x phi'' = delivered moments + m h a_y - springs and dampers
-    response_min: Annotated[
-        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "may always be left over, 0: off")
+    part_pass: Annotated[list[i32], N_PARTS, F(0, ONE, Q_UNIT, "", "low-pass: weight per tick")]
+    residual_fade: Annotated[
+        list[i32], N_RESIDUALS, F(0, ONE, Q_UNIT, "", "share of its threshold that goes per tick")
     ]
-    response_limit: Annotated[
-        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "wheels lift and stops are reached above")
+    residual_floor: Annotated[
+        list[i32], N_RESIDUALS, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least threshold")
     ]
-    response_ticks: Annotated[
-        i32, F(1, 1000, 0, "ticks", "without a break, of the body five eighths")
+    residual_range: Annotated[
+        list[i32],
+        N_RESIDUALS,
+        F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "it is not judged above, by yaw rate or steering"),
     ]
-    response_stroke: Annotated[
-        list[i32], 2, F(0, COEFFICIENT, 10, "N·s/m", "damping moment over difference of strokes")
+    residual_ticks: Annotated[
+        list[i32], N_RESIDUALS, F(1, 10000, 0, "ticks", "beyond it without a break: raised")
     ]
-    response_stretch: Annotated[
-        i32, F(0, ONE, Q_UNIT, "", "change of the springs' moment a tick over damping moment")
+    residual_bit: Annotated[list[i32], N_RESIDUALS, F(0, 4095, 0, "", "its bit in a signature")]
+    signature_same: Annotated[
+        list[i32], N_SIGNATURES, F(0, 4095, 0, "", "bits raised to one side, 0: no signature")
     ]
-    response_lateral: Annotated[i32, F(0, COEFFICIENT, 10, "kg·m", "m h")]
-    response_inertia: Annotated[
-        i32, F(0, COEFFICIENT, 10, "N·m·s", "I_x over the time constant of the low-pass")
+    signature_opposite: Annotated[
+        list[i32], N_SIGNATURES, F(0, 4095, 0, "", "bits raised to the other side")
     ]
-    response_pass: Annotated[i32, F(0, ONE, Q_UNIT, "", "low-pass: its weight per tick")]
-    response_wash: Annotated[i32, F(0, ONE // 2, Q_UNIT, "", "washout: share that goes per tick")]
-
-    # axles monitor, with the response monitor: the tyres of both axles carry what acts on them
-    axles_min: Annotated[
-        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least moment left over that counts")
-    ]
-    axles_rest: Annotated[
-        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "no axle is judged where so much may be")
-    ]
-    axles_limit: Annotated[
-        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "wheels may leave the road above")
-    ]
-    axles_stretch: Annotated[
-        list[i32], 2, F(0, COEFFICIENT, 10, "N·s/m", "moment of springs and tyres a tick")
-    ]
-    axles_damping: Annotated[i32, F(0, COEFFICIENT, 10, "", "damping moment over that")]
-    axles_rough: Annotated[
-        i32, F(0, COEFFICIENT, 10, "", "moment that a rough road may make over that")
-    ]
-    axles_rear: Annotated[i32, F(0, 4 << 28, 28, "", "tyres' roll stiffness, front over rear")]
-    axles_lateral: Annotated[
-        i32, F(-COEFFICIENT, COEFFICIENT, 10, "kg·m", "by a_y at the roll centres, less the rear's")
-    ]
-    axles_yaw: Annotated[
-        i32,
-        F(
-            -COEFFICIENT,
-            COEFFICIENT,
-            10,
-            "N·m·s",
-            "by yaw acceleration, over that of the low-pass",
-        ),
-    ]
-
-    # heave monitor, with the response monitor: the springs carry the body's weight
-    heave_min: Annotated[
-        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N", "least force more or less that counts, 0: off")
-    ]
-    heave_ticks: Annotated[i32, F(1, 10000, 0, "ticks", "more or less without a break that count")]
-    heave_stretch: Annotated[
-        list[i32], 2, F(0, COEFFICIENT, 10, "N·s/m", "force of an axle's springs a tick")
+    signature_absent: Annotated[
+        list[i32], N_SIGNATURES, F(0, 4095, 0, "", "bits not raised to the first side")
     ]
 
     # allocation

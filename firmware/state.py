@@ -8,9 +8,14 @@ from typing import Annotated
 
 from firmware.calibration import (
     COEFFICIENT,
+    N_DERIVATIVES,
+    N_INPUTS,
     N_ORDER,
+    N_PARTS,
+    N_RESIDUALS,
     N_RING,
     N_RX,
+    N_SIGNATURES,
     N_STATES,
     ONE,
     Q_ACCELERATION,
@@ -126,22 +131,10 @@ class Ecu:
     fault_latched: Annotated[i32, F(0, (1 << 28) - 1, 0, "", "bit i: code i has occurred")]
     time: Annotated[i32, F(I32_MIN, I32_MAX, 0, "ticks", "since init, wraps")]
 
-    # redundancy monitor
+    # mirror monitor
     motion_peak: Annotated[
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "largest by yaw rate or steering, fading")
     ]
-    motion_now: Annotated[i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "likewise, fading fast")]
-    apart_samples: Annotated[
-        i32, F(0, 1000, 0, "", "lateral acceleration outside both or frozen, in a row")
-    ]
-    opposite_samples: Annotated[i32, F(0, 1000, 0, "", "yaw rate of opposite sign, in a row")]
-    frozen_lateral: Annotated[
-        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "last change of lateral acceleration")
-    ]
-    frozen_turning: Annotated[
-        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "yaw rate times speed then")
-    ]
-    bound_samples: Annotated[i32, F(0, 1000, 0, "", "gyro bias at its bound, in a row")]
     steered_slow: Annotated[
         i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "a_y from steering, low-passed")
     ]
@@ -149,6 +142,31 @@ class Ecu:
         i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "nearer to minus the steering's")
     ]
     unit_side: Annotated[i32, F(-1, 1, 0, "", "side that the inertial unit turned to, 1: left")]
+
+    # held signals: lateral acceleration, roll rate
+    held_value: Annotated[list[i32], 2, F(STATE_MIN, STATE_MAX, 0, "", "at its last change")]
+    held_witness: Annotated[
+        list[i32], 2, F(STATE_MIN, STATE_MAX, 0, "", "what the others were then")
+    ]
+    held_ticks: Annotated[list[i32], 2, F(0, 1000, 0, "ticks", "it stands still since")]
+
+    # residuals
+    residual_input: Annotated[
+        list[i32], N_INPUTS, F(STATE_MIN, STATE_MAX, 0, "", "in the order of residuals.gather")
+    ]
+    part: Annotated[list[i32], N_PARTS, F(STATE_MIN, STATE_MAX, 0, "", "filtered")]
+    part_memory: Annotated[list[i32], N_PARTS, F(STATE_MIN, STATE_MAX, 0, "", "of its washout")]
+    part_slow: Annotated[
+        list[i32], N_DERIVATIVES, F(STATE_MIN, STATE_MAX, 0, "", "low-pass of a differentiated one")
+    ]
+    residual_start: Annotated[i32, F(0, ONE, Q_UNIT, "", "least washout since the start, fading")]
+    residual_room: Annotated[
+        list[i32], N_RESIDUALS, F(0, STATE_MAX, Q_MOMENT, "N·m", "threshold but for its floor")
+    ]
+    residual_raised: Annotated[i32, F(0, 4095, 0, "", "bits raised in the last tick")]
+    residual_count: Annotated[
+        list[i32], N_RESIDUALS, F(-10000, 10000, 0, "ticks", "beyond it since, to which side")
+    ]
 
     # clock monitor
     clock_gap: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "since the last sample")]
@@ -178,46 +196,6 @@ class Ecu:
     ]
     window_samples: Annotated[i32, F(0, 1000, 0, "", "samples of the present window")]
     astray: Annotated[list[i32], 2, F(0, 1000, 0, "", "samples outside the band, by axle")]
-
-    # rolling monitor
-    rolling_rate: Annotated[
-        list[i32],
-        3,
-        F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "low-passed: gyro, front and rear suspension"),
-    ]
-    rolling_moment: Annotated[
-        i32, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "delivered moments, low-passed")
-    ]
-    rolling_size: Annotated[
-        i32, F(0, STATE_MAX, Q_RATE, "rad/s", "the suspensions' and the tyres', fading")
-    ]
-    rolling_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "too far apart since")]
-    standing_rate: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "last change of gyro")]
-    standing_front: Annotated[
-        i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "the front suspension's rate then")
-    ]
-    standing_rear: Annotated[
-        i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "the rear suspension's rate then")
-    ]
-    standing_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "the gyro stands still since")]
-
-    # balances of the response monitor, of the lateral acceleration, of the axles monitor, of parts
-    balance_spring: Annotated[
-        list[i32], 10, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "springs, washed out, less offsets")
-    ]
-    balance_slow: Annotated[
-        list[i32], 10, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "what is left over, less momentum")
-    ]
-    balance_past: Annotated[
-        list[i32], 10, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "what is left over, but for jumps")
-    ]
-    balance_room: Annotated[
-        list[i32], 10, F(0, STATE_MAX, Q_MOMENT, "N·m", "what the model may be wrong by, fading")
-    ]
-    balance_ticks: Annotated[
-        list[i32], 6, F(-10000, 10000, 0, "ticks", "too much is left over since, to which side")
-    ]
-    model_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "a lateral force leaves over little since")]
 
     # observer
     x: Annotated[list[i32], N_STATES, F(STATE_MIN, STATE_MAX, 0, "", "corrected estimate")]
@@ -349,13 +327,16 @@ class Ecu:
     fault_number: Annotated[u8, F(0, 15, 0, "", "active codes, 15 for more")]
     law: Annotated[u8, F(0, 2, 0, "", "of the calibration, for the status frame")]
 
-    # redundancy monitor
+    # mirror monitor, residuals
     lateral_contradicted: Annotated[u8, F(0, 1, 0, "", "1: the lateral acceleration is wrong")]
     rate_contradicted: Annotated[u8, F(0, 1, 0, "", "1: the roll rate is wrong")]
     unit_away: Annotated[u8, F(0, 1, 0, "", "1: it turned away from where the car was steered")]
     motion_contradicted: Annotated[
         u8, F(0, 1, 0, "", "1: inertial unit and steering contradict each other")
     ]
+    residual_trust: Annotated[u8, F(0, 255, 0, "", "bits of the inputs that are trusted")]
+    residual_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of the last stroke rates")]
+    signature_count: Annotated[list[u8], N_SIGNATURES, F(0, 255, 0, "ticks", "seen since")]
 
     # clock monitor
     clock_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of the last sample")]
@@ -368,13 +349,6 @@ class Ecu:
 
     # delivery monitor
     contradicted: Annotated[list[u8], 2, F(0, 1, 0, "", "1: the axle does not do as commanded")]
-
-    # rolling, response and axles monitors
-    rolling_known: Annotated[u8, F(0, 1, 0, "", "1: the rates were measured in the last tick")]
-    response_known: Annotated[
-        u8, F(0, 2, 0, "", "all that acts was known in the last tick; 2: and since calm running")
-    ]
-    axles_known: Annotated[u8, F(0, 1, 0, "", "1: the axles were compared in the last tick")]
 
     # observer
     ring_head: Annotated[u8, F(0, N_RING - 1, 0, "", "newest entry of the ring")]

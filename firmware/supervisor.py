@@ -9,16 +9,14 @@ time, except after a corrupt calibration, which is permanent.
 
 from firmware.calibration import ONE, STATE_MAX, Calibration
 from firmware.com import signals
-from firmware.monitors.axles import watch_axles
 from firmware.monitors.clock import init_clock, watch_clock
 from firmware.monitors.delivery import watch_delivery
 from firmware.monitors.echo import watch_echo
 from firmware.monitors.erratic import watch_erratic
-from firmware.monitors.heave import watch_heave
+from firmware.monitors.held import watch_held
+from firmware.monitors.mirror import watch_mirror
 from firmware.monitors.own_identifier import watch_own_identifiers
-from firmware.monitors.redundancy import watch_redundancy
-from firmware.monitors.response import watch_response
-from firmware.monitors.rolling import watch_rolling
+from firmware.monitors.residuals import watch_residuals
 from firmware.plausibility import (
     DEGRADING,
     FAULT_CALIBRATION_CRC,
@@ -74,13 +72,11 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     watch_echo(ecu)
     watch_clock(ecu, cal, elapsed)
     watch_erratic(ecu, cal, elapsed)
-    watch_redundancy(ecu, cal)
-    watch_rolling(ecu, cal)
+    watch_mirror(ecu, cal)
     motion: i32 = watch_motion(ecu, cal, elapsed)
     watch_delivery(ecu, cal)
-    watch_response(ecu, cal, elapsed)
-    watch_axles(ecu, cal)
-    watch_heave(ecu, cal)
+    watch_residuals(ecu, cal, elapsed)
+    watch_held(ecu, cal)
     actuators: i32 = watch_actuators(ecu, cal, elapsed)
     if elapsed > 1:
         ecu.found = ecu.found | (1 << FAULT_TICK_MISSED)
@@ -108,7 +104,8 @@ def init_supervisor(ecu: Ecu) -> None:
     ecu.mode = INIT
     ecu.motion_lost = 1
     ecu.moment_unknown = 1
-    # no sample has this value
-    ecu.frozen_lateral = STATE_MAX
+    # no sample has these values
+    ecu.held_value[0] = STATE_MAX
+    ecu.held_value[1] = STATE_MAX
     ecu.feedforward = ONE
     init_clock(ecu)

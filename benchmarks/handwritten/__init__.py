@@ -2,7 +2,8 @@
 
 It does what the generated firmware does for a calibration of ``canroll run --no-watch-response``
 (lqr, ay_feedforward: suspension forces, both sensors, event trigger, E2E, the other monitors), bit
-for bit, and nothing for options that such a calibration leaves off. Held against the generated C it
+for bit, and nothing for options that such a calibration leaves off. The residuals, which interpret
+tables, it calls as they are generated. Held against the generated C it
 shows what being general costs.
 """
 
@@ -25,7 +26,6 @@ OPTIONS = {
     "offset_learning": 0,
     "event_trigger": 1,
     "e2e": 1,
-    "response_min": 0,
 }
 MODEL = np.array(
     [[1, 1, 1, 1, 0], [1, 1, 1, 1, 0], [0, 0, 1, 1, 0], [0, 0, 1, 1, 0], [0, 0, 0, 0, 1]], bool
@@ -67,7 +67,7 @@ def does(record):
         and list(output[1, 1:]) == [0, one[2], 0, 0]
         and not any(record.feedback[2:] + record.feedforward[:2] + record.feedforward[4:])
         and record.moment_max < MOMENT_LIMIT
-        and record.redundancy_min > 0
+        and record.mirror_min > 0
         and record.delivery_min > 0
     )
 

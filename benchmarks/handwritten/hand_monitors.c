@@ -27,36 +27,6 @@ static inline bool in_a_row(int32_t *count, bool bad, int32_t samples)
     return *count == samples;
 }
 
-/* Lateral acceleration by yaw rate and speed, and by steering angle and speed. */
-static void compare_lateral(canroll_ecu *ecu, const canroll_calibration *cal)
-{
-    const int32_t told = ecu->lateral_acceleration, steered = ecu->steering_acceleration;
-    const int32_t turning = state_of((int64_t)ecu->speed * ecu->yaw_rate, 23);
-    const int32_t motion = smaller(larger(size_of(turning), size_of(steered)), STATE_MAX);
-    const int32_t least = cal->opposite_min;
-    const int32_t peak = larger(motion, ecu->motion_peak - ((ecu->motion_peak + 1024) >> 11));
-    const int32_t now = larger(motion, ecu->motion_now - ((ecu->motion_now + 64) >> 7));
-    bool apart, opposite;
-    ecu->motion_peak = peak;
-    ecu->motion_now = now;
-    /* the same to the last bit, at another yaw rate times speed */
-    apart = told == ecu->frozen_lateral && size_of(turning - ecu->frozen_turning) > least;
-    if (told != ecu->frozen_lateral) {
-        ecu->frozen_lateral = told;
-        ecu->frozen_turning = turning;
-    }
-    if (peak < cal->redundancy_limit) {
-        /* in the tyres' linear range, where no sum comes near 32 bits */
-        const int32_t far = cal->redundancy_min + ((now + 1) >> 1);
-        apart |= told > larger(turning, steered) + far || told < smaller(turning, steered) - far;
-    }
-    opposite = (told > least && turning < -least) || (told < -least && turning > least);
-    apart = in_a_row(&ecu->apart_samples, apart, cal->apart_samples);
-    if (in_a_row(&ecu->opposite_samples, opposite, cal->opposite_samples) || apart) {
-        ecu->lateral_contradicted = 1;
-    }
-}
-
 /* Whether lateral acceleration and yaw rate last turned away from where the car was steered. */
 static bool turned_away(canroll_ecu *ecu, int32_t told, int32_t turning, int32_t least)
 {
@@ -74,12 +44,14 @@ static bool turned_away(canroll_ecu *ecu, int32_t told, int32_t turning, int32_t
 /* Whether unit and steering agree, or are mirror images: both filters by shifts. */
 static void compare_mirror(canroll_ecu *ecu, const canroll_calibration *cal)
 {
-    const int32_t told = ecu->lateral_acceleration;
+    const int32_t told = ecu->lateral_acceleration, steered = ecu->steering_acceleration;
     const int32_t turning = state_of((int64_t)ecu->speed * ecu->yaw_rate, 23);
+    const int32_t motion = smaller(larger(size_of(turning), size_of(steered)), STATE_MAX);
     const int32_t slow = bits_31(ecu->steered_slow
         + (int32_t)(((int64_t)ecu->steering_acceleration - ecu->steered_slow + 4) >> 3));
     int32_t near, far;
     int64_t nearer;
+    ecu->motion_peak = larger(motion, ecu->motion_peak - ((ecu->motion_peak + 1024) >> 11));
     ecu->steered_slow = slow;
     if (!turned_away(ecu, told, turning, cal->mirror_min)) {
         ecu->mirrored = 0;
@@ -98,16 +70,8 @@ static void compare_mirror(canroll_ecu *ecu, const canroll_calibration *cal)
 
 void hand_watch_sensors(canroll_ecu *ecu, const canroll_calibration *cal)
 {
-    if (ecu->fresh[CANROLL_RX_IMU] == 0 || ecu->gain_factor == 0) {
-        return;
-    }
-    if (in_a_row(&ecu->bound_samples, size_of(ecu->x[CANROLL_GYRO_BIAS]) >= cal->bias_max,
-            cal->bound_samples)) {
-        ecu->rate_contradicted = 1;
-    }
-    if (ecu->motion_lost == 0
+    if (ecu->fresh[CANROLL_RX_IMU] != 0 && ecu->gain_factor != 0 && ecu->motion_lost == 0
         && (ecu->valid[CANROLL_RX_IMU] & LATERAL_AND_YAW) == LATERAL_AND_YAW) {
-        compare_lateral(ecu, cal);
         compare_mirror(ecu, cal);
     }
 }

@@ -1,5 +1,7 @@
 /* Plausibility of the inputs, fault codes, modes and the ramps of the authority. */
 #include <stdbool.h>
+#include "canroll_held.h"
+#include "canroll_residuals.h"
 #include "hand.h"
 
 enum { ROLL_RATE_BIT = 1 << 6, LATERAL_BIT = 1 << 7, STUCK_BIT = 1 << 8, SPEED_BIT = 1 << 10,
@@ -349,6 +351,9 @@ void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t el
     severity = judge_imu(ecu, cal, elapsed, &found);
     motion = judge_motion(ecu, cal, elapsed, &found);
     hand_watch_moments(ecu, cal);
+    /* tables interpreted: nothing to write otherwise */
+    canroll_residuals_watch_residuals(ecu, cal, elapsed);
+    canroll_held_watch_held(ecu, cal);
     actuators = judge_actuators(ecu, cal, elapsed, &found);
     severity = (motion > severity) ? motion : severity;
     severity = (actuators > severity) ? actuators : severity;

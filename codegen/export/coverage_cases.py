@@ -23,6 +23,10 @@ from firmware.calibration import (
     COMPENSATOR,
     CONSTANT_GAIN,
     DAMPERS,
+    N_PARTS,
+    N_RESIDUALS,
+    N_SIGNATURES,
+    N_TERMS,
     ONE,
     OUTPUT_FEEDBACK,
     STATE_FEEDBACK,
@@ -31,6 +35,7 @@ from firmware.calibration import (
     VALVES,
     Calibration,
 )
+from firmware.monitors.residuals import GYRO, LATERAL, MOMENT, STROKE, YAW
 from firmware.state import (
     N_TX,
     RX_ACTUATOR_STATE,
@@ -46,13 +51,6 @@ TICKS = 80
 NEVER = -1
 FLIPPED = 8
 """Byte of the calibration, from its end, in which a bit flips."""
-COUNTS = (
-    *("apart_samples", "opposite_samples", "bound_samples", "delivery_samples"),
-    *("rolling_ticks", "response_ticks", "heave_ticks"),
-)
-"""Samples in a row before a monitor accuses."""
-LEAST = ("redundancy_min", "delivery_min", "rolling_min", "response_min", "heave_min")
-"""What a monitor may find and not accuse; none of it switches the monitor off."""
 FULL = 1 << 20
 """The most ticks that can pass between two."""
 
@@ -211,15 +209,13 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         "init_ticks": 1,
         "fade_low": 0,
         "fade_high": 1,
-        "redundancy_min": 1,
-        "redundancy_limit": STATE_MAX,
-        "opposite_min": 0,
         "delivery_window": 3,
         "delivery_min": 1,
-        "rolling_min": 1,
-        "response_min": 1,
-        "axles_min": 1,
-        "heave_min": 1,
+        "erratic_scale": [1 << 24] * 5,
+        "erratic_samples": [1, 1],
+        "erratic_gap": [2, 2],
+        "held_min": [1, 1],
+        "held_roll": [1 << 28, 1 << 28],
     }
     mirrored: dict[str, object] = {
         "actuator": SUSPENSION,
@@ -227,49 +223,59 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         "mirror_min": 9 << 24,
     }
     frames = random_traffic(1, TICKS, bus=bus)
-    none: dict[str, object] = {**dict.fromkeys(LEAST, 0), "clock_period": 0}
+    none: dict[str, object] = {
+        "mirror_min": 0,
+        "delivery_min": 0,
+        "clock_period": 0,
+        "part_end": [0] * 4,
+    }
     yield Case("no monitors", _changed(1, **none), frames)
     for seed in (1, 2):
         swaying = random_traffic(seed, 240, hostile=0.0, rough=1.0, bus=bus)
         for samples in (1, 3):
-            counts = dict.fromkeys(COUNTS, samples)
+            counts = {"delivery_samples": samples, "held_ticks": [samples] * 2}
             for actuator in (SUSPENSION, BARS):
-                for limits in ({"redundancy_limit": 1 << 20}, {"bias_max": 0}, {}):
-                    changes = {**quick, **counts, **limits, "actuator": actuator}
+                for sort in range(4):
+                    bank = _bank(sort, samples)
+                    changes = {**quick, **counts, **bank, "actuator": actuator}
                     yield Case("accused", _changed(1, **changes), swaying)
         for limit in (0, STATE_MAX):
-            changes = {**quick, **mirrored, "mirror_limit": limit}
+            changes = {**quick, **mirrored, "mirror_limit": limit, "part_end": [0] * 4}
             yield Case("mirrored", _changed(1, **changes), swaying)
-    rigid: dict[str, object] = {
-        "response_min": STATE_MAX // 2,
-        "response_stroke": [0, 0],
-        "response_inertia": 0,
-        "response_lateral": 1 << 21,
-        "response_wash": 0,
-        "redundancy_min": 0,
-    }
-    calm = {**quick, **dict.fromkeys(COUNTS, 1), **rigid, "actuator": BARS}
-    for seed in (18, 37):
-        swaying = random_traffic(seed, 240, hostile=0.0, rough=1.0, bus=bus)
-        moves = (swaying.frames["message"] != RX_VEHICLE_MOTION) | (swaying.frames["tick"] < 20)
-        yield Case("calm", _changed(1, **calm), swaying)
-        yield Case(
-            "calm, then no motion",
-            _changed(1, **calm),
-            Traffic(swaying.frames[moves], swaying.elapsed),
-        )
-    swaying = random_traffic(430, 240, hostile=0.0, rough=1.0, bus=bus)
-    gentle = _changed(1, **calm | {"response_lateral": 1 << 20})
-    yield Case("calm, then no yaw rate", gentle, swaying)
-    # the first leaves much of the lateral force over at once, the second little for long
-    swaying = random_traffic(18, 300, hostile=0.0, rough=1.0, bus=bus)
-    for response_pass in (ONE, 1 << 24):
-        heavy = {**calm, "response_min": 1 << 27, "response_pass": response_pass}
-        yield Case("the model is right, or not", _changed(1, **heavy), swaying)
     still = _standing(random_traffic(1, 240, hostile=0.0, rough=1.0, bus=bus), bus)
     for samples in (1, 3):
-        counts = dict.fromkeys(COUNTS, samples)
-        yield Case("frozen", _changed(1, **quick, **counts, actuator=BARS), still)
+        bank = _bank(0, 1000)
+        yield Case("held", _changed(1, **quick, **bank, held_ticks=[samples] * 2), still)
+
+
+def _bank(sort: int, ticks: int) -> dict[str, object]:
+    """Residuals of all kinds of parts, that find fault with what signature ``sort`` says."""
+    needs = (LATERAL, YAW, GYRO, STROKE, MOMENT, 0)
+    inputs = (6, 7, 9, 12, 4, 11)
+    parts = [k % len(inputs) for k in range(N_PARTS)]
+    return {
+        "part_end": [8, 16, 24, N_PARTS],
+        "part_input": [[inputs[k], inputs[k]] for k in parts],
+        "part_gain": [[1 << 20, 0]] * N_PARTS,
+        "part_needs": [needs[k] for k in parts],
+        "part_wash": [(k & 1) << 20 for k in range(N_PARTS)],
+        "part_pass": [ONE >> 1] * N_PARTS,
+        "term_part": [k % N_PARTS for k in range(N_TERMS)],
+        "term_sign": [k % 3 for k in range(N_TERMS)],
+        "term_weight": [k % 2 for k in range(N_TERMS)],
+        "residual_end": [3 * (k + 1) for k in range(N_RESIDUALS)],
+        "residual_needs": [needs[k % len(needs)] for k in range(N_RESIDUALS)],
+        "residual_range": [STATE_MAX >> (k & 6) for k in range(N_RESIDUALS)],
+        "residual_floor": [1 << 10] * N_RESIDUALS,
+        "residual_ticks": [ticks] * N_RESIDUALS,
+        "residual_bit": [1 << (k % 3) for k in range(N_RESIDUALS)],
+        "residual_fade": [ONE >> 6] * N_RESIDUALS,
+        "signature_same": [0, 1, 2, 1, 4, *[0] * (N_SIGNATURES - 5)],
+        "signature_opposite": [0, 2, 0, 0, *[0] * (N_SIGNATURES - 4)],
+        "signature_absent": [0, 0, 0, 2, 0, *[0] * (N_SIGNATURES - 5)],
+        "signature_ticks": [1] * N_SIGNATURES,
+        "signature_wrong": [1 << sort] * N_SIGNATURES,
+    }
 
 
 def _standing(traffic: Traffic, bus: BusMap) -> Traffic:

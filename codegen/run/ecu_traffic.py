@@ -58,8 +58,8 @@ def refused(rule: int) -> CanrollError:
 
 
 MONITORS = (
-    *("redundancy_", "opposite_", "apart_", "bound_"),
-    *("mirror_", "clock_", "erratic_", "delivery_", "rolling_", "response_", "axles_", "heave_"),
+    *("mirror_", "held_", "clock_", "erratic_", "delivery_"),
+    *("part_", "term_", "residual_", "signature_"),
 )
 LIMITS = ("envelope_", "steering_limit", *MONITORS)
 """Fields that limit what a law takes and gives, by the beginning of their names."""

@@ -30,7 +30,7 @@ from codegen.subset.program import CONST_RECORD, Function, Program, Type
 
 Key = tuple[tuple[str, str], tuple[str, ...]]
 
-TURNS = 8
+TURNS = 48
 """Most turns of a loop that is unrolled."""
 ROOM = 700
 """Most syntax nodes that an unrolled loop may have."""

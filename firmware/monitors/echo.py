@@ -9,7 +9,7 @@ and what it does to the body is judged by the other monitors.
 
 from firmware.calibration import Calibration
 from firmware.com import protection
-from firmware.monitors.redundancy import lasting
+from firmware.monitors.persistence import lasting
 from firmware.plausibility import FAULT_COMMAND_LATE
 from firmware.state import N_SENT, Ecu
 from firmware.subset import byte, clamp, i32, u8

@@ -1,6 +1,6 @@
 """Conversion of a design in SI units to the integers of the ECU's calibration record."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import ceil
 
 import numpy as np
@@ -9,13 +9,16 @@ import dbc
 from canroll.errors import CanrollError
 from firmware import calibration as fw
 from firmware.state import RX_ACTUATOR_STATE, RX_SUSPENSION_RATE
-from gain_gen.calibration.monitor_part import clock_fields, erratic_fields, response_fields
+from gain_gen.calibration.monitor_part import clock_fields, erratic_fields
 from gain_gen.calibration.observer_part import covariance_fields, observer_fields
+from gain_gen.calibration.residual_part import residual_fields
 from gain_gen.calibration.rows import Q_MEASURED, Q_STATE, Row, quantise_row
 from gain_gen.calibration.vehicle_part import timeouts, vehicle_fields
 from gain_gen.models.controller import Compensator, matrices
 from gain_gen.models.roll import stationary_covariance
 from gain_gen.models.task import EPSILON_SQUARED, Design
+from gain_gen.monitors.residuals import bank_of
+from gain_gen.monitors.uncertainty import Uncertainty
 from vehicles.actuators import ACTUATORS
 
 Value = int | list[int] | list[list[int]]
@@ -51,8 +54,10 @@ class Options:
         offset_learning: learn sensor offsets in straight running.
         response_watch: judge reported moments by the body's roll, which needs SuspensionRate.
         sample_period: time in which the inertial unit counts one sample, 0: it is not judged, s.
+        stroke_period: the same of the stroke rates, s.
         moment_reported: the actuators report the delivered moment; otherwise the commanded one
             counts as delivered.
+        uncertainty: what the thresholds of the residuals must allow for.
     """
 
     event_trigger: bool = True
@@ -61,7 +66,9 @@ class Options:
     offset_learning: bool = False
     response_watch: bool = False
     sample_period: float = 0.0
+    stroke_period: float = dbc.period("SuspensionRate")
     moment_reported: bool = True
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,11 +115,17 @@ def quantise_design(design: Design, options: Options) -> Quantised:
     fields |= _trigger(design, options)
     fields |= vehicle_fields(task, controller.schedule)
     fields |= clock_fields(task, options.sample_period) | erratic_fields(task)
-    if options.response_watch:
-        try:
-            fields |= response_fields(task)
-        except CanrollError as error:
-            raise CanrollError(f"{error}: design with --no-watch-response") from error
+    bank = bank_of(
+        task,
+        options.uncertainty,
+        suspension=options.response_watch,
+        moments=task.actuator in ("suspension", "bars") and options.moment_reported,
+    )
+    try:
+        fields |= residual_fields(bank, options.stroke_period)
+    except CanrollError as error:
+        hint = ": design with --no-watch-response" if options.response_watch else ""
+        raise CanrollError(f"{error}{hint}") from error
     waits = timeouts(task, *((RX_SUSPENSION_RATE,) if options.response_watch else ()))
     if not options.moment_reported:
         waits[RX_ACTUATOR_STATE] = 0

@@ -173,6 +173,7 @@ def options_of(choices: Mapping[str, Any]) -> Options:
         offset_learning=chosen(choices, "offset_learning"),
         response_watch=_response_watch(choices),
         sample_period=_sample_period(choices),
+        stroke_period=_stroke_period(choices),
         moment_reported=not _unreported(choices),
         heartbeat=heartbeat,
     )
@@ -231,6 +232,14 @@ def _sample_period(choices: Mapping[str, Any]) -> float:
         if signal.place.text == SAMPLE_COUNTERS[box.slot] and signal.raw_hi == COUNTS:
             return 1e-3 * box.cycle_ms
     return 0.0
+
+
+def _stroke_period(choices: Mapping[str, Any]) -> float:
+    """Return the time between two samples of the stroke rates, s."""
+    bus = bus_map(profile_of(choices))
+    if bus is None or absent(bus, RX_SUSPENSION_RATE):
+        return dbc.period("SuspensionRate")
+    return 1e-3 * bus.received[RX_SUSPENSION_RATE].cycle_ms
 
 
 def _designed(choices: Mapping[str, Any]) -> Controller:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
-import pytest
 from e2e import p01
 from scipy.linalg import expm, solve_discrete_are
 
@@ -267,8 +266,9 @@ def calibration(
     cal.heartbeat_ticks, cal.status_ticks = per(0.05), per(0.1)
     # there and back, as a design has it
     cal.acknowledge_ticks = max(3, 2 * predict_steps + 2)
-    cal.delivery_window, cal.delivery_samples, cal.response_ticks = 8, 4, 20
-    cal.apart_samples, cal.opposite_samples, cal.bound_samples = 8, 20, 10
+    cal.delivery_window, cal.delivery_samples = 8, 4
+    # as without these monitors
+    cal.held_min = [fw.STATE_MAX] * 2
     # as wide as it gets: tests of the law are not those of the envelope
     cal.envelope_moment = cal.envelope_slew = cal.envelope_outward = fw.STATE_MAX
     cal.envelope_age, cal.envelope_ticks = 1 << 20, 1 << 20
@@ -518,18 +518,3 @@ def lane_change(t: float, amplitude: float = 4.0, period: float = 2.5) -> float:
     """One period of a sine, then straight ahead, every six seconds."""
     phase = t % 6.0
     return amplitude * np.sin(2 * np.pi * phase / period) if phase < period else 0.0
-
-
-def bad_samples(ecu, balance, ticks, judge, samples) -> int:
-    """Return after how many bad ones ``judge`` believed no axle: they count up to ``ticks``."""
-    bad = 0
-    for sample in samples:
-        before = abs(ecu.balance_ticks[balance])
-        judge(sample)
-        count = abs(ecu.balance_ticks[balance])
-        assert count in (0, min(before + 1, ticks), min(before + 2, ticks))
-        assert ecu.contradicted == [int(count == ticks)] * 2
-        bad = bad + 1 if count else 0
-        if ecu.contradicted == [1, 1]:
-            return bad
-    pytest.fail("every axle is believed")

@@ -65,7 +65,7 @@ def test_everything_starts_at_zero_but_what_is_calibrated_or_means_that_nothing_
         # nothing is known of the vehicle's motion and moment, no counter has been seen
         "motion_lost": 1,
         "moment_unknown": 1,
-        "frozen_lateral": fw.STATE_MAX,
+        "held_value": [fw.STATE_MAX] * 2,
         "echo": 255,
         "e2e_last": [255] * fw.N_RX,
         "last_sample": [16] * fw.N_RX,

@@ -532,7 +532,7 @@ def test_time_wraps():
 
 
 REFUSED = [
-    ({"tick_us": 500}, 31),
+    ({"tick_us": 500}, 40),
     ({"law": 3}, 3),
     ({"schedule_points": 2, "schedule_speed": [5, 5, 0, 0, 0, 0, 0, 0]}, 501),
     ({"fade_low": 5 << 20, "fade_high": 5 << 20}, 502),

@@ -18,6 +18,7 @@ from codegen.proof.prove import prove
 from codegen.run import ecu_traffic, memory_image, native
 from codegen.run.bus_firmware import of_bus
 from codegen.subset import rules
+from firmware.calibration import STATE_MAX
 from firmware.state import (
     ACTIVE,
     DEGRADED,
@@ -109,8 +110,8 @@ def calibration(measurements=3):
     cal.observer, cal.actuator, cal.law, cal.compensator_outputs, cal.e2e = 1, 1, 0, 1, 0
     cal.timeout_ticks, cal.measurements = [TIMEOUT, TIMEOUT, 0, 0, 0], measurements
     cal.recovery_ticks, cal.init_ticks, cal.identification = 5, 2, 0
-    for name in ("redundancy_min", "clock_period", "delivery_min", "response_min", "rolling_min"):
-        setattr(cal, name, 0)
+    cal.mirror_min = cal.clock_period = cal.delivery_min = 0
+    cal.part_end, cal.held_min = [0] * 4, [STATE_MAX] * 2
     cal.erratic_scale, cal.feedback, cal.feedforward = [0] * 5, [0] * 5, [0] * 5
     return memory_image.sealed(cal)
 

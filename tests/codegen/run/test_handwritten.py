@@ -26,8 +26,8 @@ LIMIT = 1.55
 """Generated to hand-written instructions: 1.46 for lqr, 1.49 for ay_feedforward, whose prediction
 costs another step of the model, by arm-none-eabi-gcc 12.2. The target of 1.1 is not met."""
 SPECIALISED_LIMIT = 1.0
-"""Specialised to hand-written, instructions and cycles: 0.86 and 0.73 for lqr."""
-CODE_LIMIT = 11_500
+"""Specialised to hand-written, instructions and cycles."""
+CODE_LIMIT = 13_900
 """Bytes of the specialised code on a Cortex-M4."""
 
 

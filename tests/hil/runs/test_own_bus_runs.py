@@ -194,7 +194,7 @@ def test_a_map_without_stroke_rates_runs_without_the_response_monitor(tmp_path):
     path.write_text(STROKES.sub("", CLASSIC[1].read_text(encoding="utf-8"), count=1))
     files = {"dbc": str(CLASSIC[0]), "map": str(path)}
     settings, controller = experiment.plan("double_lane_change", **SHORT, **files)
-    assert controller.record.response_min == 0
+    assert controller.record.timeout_ticks[2] == 0
     (warning,) = check_frames(settings.profile, controller.record)
     assert warning == (
         f"{path} [receive.suspension_rate]: no signal is mapped to stroke_rate[0]: "

@@ -1,0 +1,88 @@
+"""What the designer of the monitors does not know: the box in which car, sensors and road lie."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertainty:
+    """Half-widths of what the thresholds must allow for, all of them choices of the user.
+
+    Shares are of the nominal value. The defaults are those of the population in which laws are
+    compared (:data:`hil.studies.variation.DEFAULT_SPREAD`); sensors are as their vehicle file says.
+
+    Attributes:
+        mass: share of the sprung mass: passengers and luggage.
+        height: share of its height above the roll axis: where they are.
+        inertia: share of the roll inertia about the CG: of the population's about the roll axis
+            twice, as mass times height squared is the rest of it.
+        stiffness: share of the suspension's roll stiffness.
+        damping: share of the roll damping: temperature and wear.
+        tyre: share of the tyres' vertical stiffness: pressure.
+        cornering: share of the cornering stiffnesses: load, pressure, tread.
+        roll_centre: distance of the axles' roll centres from where they are said to be: load and
+            travel, m.
+        moment: share of the delivered moment that is reported wrongly by sound actuators.
+        speed: share of the speed: radius of the wheels.
+        noise: factor on the sensors' noise densities.
+        bias: factor on the sensors' offsets and their drift.
+        temperature: largest distance from room temperature, K.
+        bank: largest bank of the road, rad.
+        bank_rate: largest rate at which it changes under the car, rad/s.
+        hill: largest vertical acceleration that crests and dips make for long, m/s².
+        sideslip: largest lateral acceleration of the sideslip alone, linear tyres, m/s².
+        response: time by which a car follows its steering, s.
+        late: share of the stroke rates' samples that come a tick late, twice or not at all.
+        bump: time in which a wheel rises on a bump: half a metre at 10 m/s, s.
+        alarms_per_hour: wanted rate at which noise and road alone raise a residual.
+    """
+
+    mass: float = 0.2
+    height: float = 0.2
+    inertia: float = 0.4
+    stiffness: float = 0.2
+    damping: float = 0.2
+    tyre: float = 0.1
+    cornering: float = 0.1
+    roll_centre: float = 0.03
+    moment: float = 0.2
+    speed: float = 0.02
+    noise: float = 1.0
+    bias: float = 1.5
+    temperature: float = 60.0
+    bank: float = 0.175
+    bank_rate: float = 0.05
+    hill: float = 0.9
+    sideslip: float = 0.5
+    response: float = 0.15
+    late: float = 0.1
+    bump: float = 0.05
+    alarms_per_hour: float = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Factors:
+    """Factors on the nominal car's numbers: one point of the box."""
+
+    mass: float = 1.0
+    height: float = 1.0
+    inertia: float = 1.0
+    stiffness: float = 1.0
+    damping: float = 1.0
+    tyre: float = 1.0
+    cornering: float = 1.0
+    moment: float = 1.0
+    speed: float = 1.0
+
+
+NOMINAL = Factors()
+
+
+def vertices(box: Uncertainty, names: Sequence[str]) -> Iterator[Factors]:
+    """Yield the corners of the box in the parameters ``names``; the others are nominal."""
+    for signs in product((-1.0, 1.0), repeat=len(names)):
+        point = {
+            name: 1.0 + sign * getattr(box, name) for name, sign in zip(names, signs, strict=True)
+        }
+        yield replace(NOMINAL, **point)
