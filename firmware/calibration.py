@@ -34,10 +34,10 @@ N_ORDER = 8
 N_RING = 32
 # of the residuals
 N_INPUTS = 16
-N_PARTS = 36
-N_DERIVATIVES = 6
-N_RESIDUALS = 12
-N_TERMS = 48
+N_PARTS = 34
+N_DERIVATIVES = 5
+N_RESIDUALS = 11
+N_TERMS = 44
 N_SIGNATURES = 12
 
 Q_ANGLE = 30
@@ -116,16 +116,15 @@ class Calibration:
     # residuals
     part_end: Annotated[list[u8], 4, F(0, N_PARTS, 0, "", "end of the parts of a kind")]
     part_input: Annotated[list[list[u8]], N_PARTS, 2, F(0, N_INPUTS - 1, 0, "", "its two inputs")]
-    part_needs: Annotated[list[u8], N_PARTS, F(0, 63, 0, "", "bits of the inputs it needs")]
     term_part: Annotated[list[u8], N_TERMS, F(0, N_PARTS - 1, 0, "", "part of a term")]
     term_sign: Annotated[
         list[u8], N_TERMS, F(0, 2, 0, "", "2: added, 0: subtracted, 1: in the threshold alone")
     ]
     term_weight: Annotated[list[u8], N_TERMS, F(0, 255, 6, "", "of its size in the threshold")]
     residual_end: Annotated[list[u8], N_RESIDUALS, F(0, N_TERMS, 0, "", "end of its terms")]
-    residual_needs: Annotated[list[u8], N_RESIDUALS, F(0, 63, 0, "", "bits of the inputs it needs")]
+    lean_part: Annotated[u8, F(0, N_PARTS - 1, 0, "", "part that says how far the body leans")]
     signature_ticks: Annotated[
-        list[u8], N_SIGNATURES, F(1, 255, 0, "ticks", "seen without a break that count")
+        list[u8], N_SIGNATURES, F(1, 255, 0, "", "rounds seen without a break that count")
     ]
     signature_wrong: Annotated[
         list[u8],
@@ -358,22 +357,30 @@ class Calibration:
         list[list[i32]], N_PARTS, 2, F(-COEFFICIENT, COEFFICIENT, 20, "", "of its inputs")
     ]
     part_wash: Annotated[
-        list[i32], N_PARTS, F(0, ONE, Q_UNIT, "", "washout: share that goes per tick, 0: none")
+        list[i32], N_PARTS, F(0, ONE, Q_UNIT, "", "washout: share that goes per round, 0: none")
     ]
-    part_pass: Annotated[list[i32], N_PARTS, F(0, ONE, Q_UNIT, "", "low-pass: weight per tick")]
+    part_pass: Annotated[list[i32], N_PARTS, F(0, ONE, Q_UNIT, "", "low-pass: weight per round")]
     residual_fade: Annotated[
-        list[i32], N_RESIDUALS, F(0, ONE, Q_UNIT, "", "share of its threshold that goes per tick")
+        list[i32], N_RESIDUALS, F(0, ONE, Q_UNIT, "", "share of its threshold that goes per round")
     ]
     residual_floor: Annotated[
         list[i32], N_RESIDUALS, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least threshold")
     ]
-    residual_range: Annotated[
-        list[i32],
-        N_RESIDUALS,
-        F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "it is not judged above, by yaw rate or steering"),
+    residual_needs: Annotated[
+        list[i32], N_RESIDUALS, F(0, 511, 0, "", "bits of the inputs and ranges it needs")
     ]
+    residual_linear: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "below it tyres are linear")
+    ]
+    residual_on_road: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "below it all wheels are on the road")
+    ]
+    residual_off_stops: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "below it no body leans on its stops")
+    ]
+    lean_max: Annotated[i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "beyond it the body is on its stops")]
     residual_ticks: Annotated[
-        list[i32], N_RESIDUALS, F(1, 10000, 0, "ticks", "beyond it without a break: raised")
+        list[i32], N_RESIDUALS, F(1, 10000, 0, "", "rounds beyond it without a break: raised")
     ]
     residual_bit: Annotated[list[i32], N_RESIDUALS, F(0, 4095, 0, "", "its bit in a signature")]
     signature_same: Annotated[

@@ -163,9 +163,9 @@ class Ecu:
     residual_room: Annotated[
         list[i32], N_RESIDUALS, F(0, STATE_MAX, Q_MOMENT, "N·m", "threshold but for its floor")
     ]
-    residual_raised: Annotated[i32, F(0, 4095, 0, "", "bits raised in the last tick")]
+    residual_raised: Annotated[i32, F(0, 4095, 0, "", "bits raised in the last round")]
     residual_count: Annotated[
-        list[i32], N_RESIDUALS, F(-10000, 10000, 0, "ticks", "beyond it since, to which side")
+        list[i32], N_RESIDUALS, F(-10000, 10000, 0, "", "rounds beyond it since, to which side")
     ]
 
     # clock monitor
@@ -336,7 +336,9 @@ class Ecu:
     ]
     residual_trust: Annotated[u8, F(0, 255, 0, "", "bits of the inputs that are trusted")]
     residual_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of the last stroke rates")]
-    signature_count: Annotated[list[u8], N_SIGNATURES, F(0, 255, 0, "ticks", "seen since")]
+    signature_count: Annotated[list[u8], N_SIGNATURES, F(0, 255, 0, "", "rounds seen since")]
+    residual_turn: Annotated[u8, F(0, 1, 0, "", "0: residuals are judged next, 1: parts advance")]
+    on_stops: Annotated[u8, F(0, 1, 0, "", "1: the body may lean on its stops")]
 
     # clock monitor
     clock_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of the last sample")]

@@ -35,7 +35,16 @@ from firmware.calibration import (
     VALVES,
     Calibration,
 )
-from firmware.monitors.residuals import GYRO, LATERAL, MOMENT, STROKE, YAW
+from firmware.monitors.residuals import (
+    GYRO,
+    LATERAL,
+    LINEAR,
+    MOMENT,
+    OFF_STOPS,
+    ON_ROAD,
+    STROKE,
+    YAW,
+)
 from firmware.state import (
     N_TX,
     RX_ACTUATOR_STATE,
@@ -250,22 +259,25 @@ def _accused(bus: BusMap) -> Iterator[Case]:
 
 def _bank(sort: int, ticks: int) -> dict[str, object]:
     """Residuals of all kinds of parts, that find fault with what signature ``sort`` says."""
-    needs = (LATERAL, YAW, GYRO, STROKE, MOMENT, 0)
+    needs = (LATERAL, YAW | OFF_STOPS, GYRO | ON_ROAD, STROKE | LINEAR, MOMENT, 0)
     inputs = (6, 7, 9, 12, 4, 11)
     parts = [k % len(inputs) for k in range(N_PARTS)]
     return {
         "part_end": [8, 16, 24, N_PARTS],
         "part_input": [[inputs[k], inputs[k]] for k in parts],
         "part_gain": [[1 << 20, 0]] * N_PARTS,
-        "part_needs": [needs[k] for k in parts],
         "part_wash": [(k & 1) << 20 for k in range(N_PARTS)],
         "part_pass": [ONE >> 1] * N_PARTS,
         "term_part": [k % N_PARTS for k in range(N_TERMS)],
         "term_sign": [k % 3 for k in range(N_TERMS)],
         "term_weight": [k % 2 for k in range(N_TERMS)],
-        "residual_end": [3 * (k + 1) for k in range(N_RESIDUALS)],
+        "residual_end": [4 * (k + 1) for k in range(N_RESIDUALS)],
         "residual_needs": [needs[k % len(needs)] for k in range(N_RESIDUALS)],
-        "residual_range": [STATE_MAX >> (k & 6) for k in range(N_RESIDUALS)],
+        "residual_linear": STATE_MAX >> 6,
+        "residual_on_road": STATE_MAX >> 2,
+        "residual_off_stops": STATE_MAX >> 4,
+        "lean_part": 0,
+        "lean_max": 1 << 20,
         "residual_floor": [1 << 10] * N_RESIDUALS,
         "residual_ticks": [ticks] * N_RESIDUALS,
         "residual_bit": [1 << (k % 3) for k in range(N_RESIDUALS)],

@@ -59,7 +59,7 @@ def refused(rule: int) -> CanrollError:
 
 MONITORS = (
     *("mirror_", "held_", "clock_", "erratic_", "delivery_"),
-    *("part_", "term_", "residual_", "signature_"),
+    *("part_", "term_", "residual_", "signature_", "lean_"),
 )
 LIMITS = ("envelope_", "steering_limit", *MONITORS)
 """Fields that limit what a law takes and gives, by the beginning of their names."""

@@ -10,6 +10,9 @@ their sides; it says what is not to be trusted any more, until the next ``init``
 What the parts and thresholds are is in the calibration, designed by ``gain_gen.monitors``: the
 firmware has no number of the car. The parts are sorted by kind. After a start the washout is quick
 and slows down to its corner, so that the noise of the first samples does not stay.
+
+A round takes two ticks: in one residuals are judged, in the next parts advance by the mean of both.
+So no tick is much longer than another, and no sample is lost.
 """
 
 from firmware.calibration import (
@@ -41,6 +44,10 @@ YAW = 4
 MOTION = 8
 STROKE = 16
 MOMENT = 32
+# what a residual needs besides: tyres are linear, wheels on the road, the body off its stops
+LINEAR = 64
+ON_ROAD = 128
+OFF_STOPS = 256
 # what a signature says is wrong
 WRONG_LATERAL = 1
 WRONG_RATE = 2
@@ -48,15 +55,17 @@ WRONG_FRONT = 4
 WRONG_REAR = 8
 # inputs from here on: the first four summed over their samples since the last tick
 SUMMED = 12
+# ticks of a round
+ROUND = 2
 # fractional bits of gains, between inputs and parts of the same format
 GAIN_BITS = 20
 # magnitudes are weighted in units of 2^-10 of a part, weights have 6 fractional bits
 COARSE = 10
 FINE = 4
 MOST = (1 << 26) - 1
-# the washout starts at a quarter and slows down by a sixteenth a tick
+# the washout starts at a quarter and slows down by an eighth a round
 QUICK = ONE // 4
-SLOWING = 4
+SLOWING = 3
 
 
 def trusted(ecu: Ecu, cal: Calibration) -> i32:
@@ -80,36 +89,47 @@ def trusted(ecu: Ecu, cal: Calibration) -> i32:
     return trust
 
 
-def put_stroke(ecu: Ecu, k: i32, rate: i32, samples: i32) -> None:
-    """Take a stroke rate as input ``k``, and all it was since the last tick as another.
+def sum_stroke(ecu: Ecu, k: i32, rate: i32, samples: i32) -> None:
+    """Add all that a stroke rate was since the last tick to its input; remember the newest.
 
     Samples that were lost since are taken to be on a line between the last one and this.
     """
     twice: i32 = sat31(samples * rate) + sat31((samples - 1) * sat31(ecu.residual_input[k]))
     ecu.residual_input[k] = rate
-    ecu.residual_input[SUMMED + k] = 0
-    if samples > 0:
-        ecu.residual_input[SUMMED + k] = sat31(rsh(sat31(twice) + rate, 1))
+    total: i32 = sat31(ecu.residual_input[SUMMED + k])
+    ecu.residual_input[SUMMED + k] = sat31(total + sat31(rsh(sat31(twice) + rate, 1)))
+
+
+def gather_strokes(ecu: Ecu) -> None:
+    """Take the newest stroke rates, left less right and left and right, of both axles."""
+    if (ecu.fresh[RX_SUSPENSION_RATE] & FIRST_FRAME) == 0 or ecu.rate_sample == ecu.residual_sample:
+        return
+    samples: i32 = (ecu.rate_sample - ecu.residual_sample) & 15
+    ecu.residual_sample = ecu.rate_sample
+    sum_stroke(ecu, 0, sat31(ecu.stroke_rate[0] - ecu.stroke_rate[1]), samples)
+    sum_stroke(ecu, 1, sat31(ecu.stroke_rate[2] - ecu.stroke_rate[3]), samples)
+    sum_stroke(ecu, 2, sat31(ecu.stroke_rate[0] + ecu.stroke_rate[1]), samples)
+    sum_stroke(ecu, 3, sat31(ecu.stroke_rate[2] + ecu.stroke_rate[3]), samples)
+
+
+def take(ecu: Ecu, k: i32, value: i32) -> None:
+    """Take a sample as input ``k``: of a round its mean."""
+    if ecu.residual_turn == 0:
+        ecu.residual_input[k] = value
+    else:
+        ecu.residual_input[k] = rsh(sat31(ecu.residual_input[k]) + value, 1)
 
 
 def gather(ecu: Ecu) -> None:
-    """Take the newest samples as inputs of the parts."""
-    samples: i32 = 0
-    if (ecu.fresh[RX_SUSPENSION_RATE] & FIRST_FRAME) != 0:
-        samples = (ecu.rate_sample - ecu.residual_sample) & 15
-        ecu.residual_sample = ecu.rate_sample
-    put_stroke(ecu, 0, sat31(ecu.stroke_rate[0] - ecu.stroke_rate[1]), samples)
-    put_stroke(ecu, 1, sat31(ecu.stroke_rate[2] - ecu.stroke_rate[3]), samples)
-    put_stroke(ecu, 2, sat31(ecu.stroke_rate[0] + ecu.stroke_rate[1]), samples)
-    put_stroke(ecu, 3, sat31(ecu.stroke_rate[2] + ecu.stroke_rate[3]), samples)
-    ecu.residual_input[4] = ecu.delivered[0]
-    ecu.residual_input[5] = ecu.delivered[1]
-    ecu.residual_input[6] = ecu.lateral_acceleration
-    ecu.residual_input[7] = product(ecu.speed, ecu.yaw_rate, 23)
-    ecu.residual_input[8] = ecu.steering_acceleration
-    ecu.residual_input[9] = ecu.roll_rate
-    ecu.residual_input[10] = ecu.yaw_rate
-    ecu.residual_input[11] = ecu.x[GYRO_BIAS]
+    """Take the newest of the other signals as inputs of the parts."""
+    take(ecu, 4, ecu.delivered[0])
+    take(ecu, 5, ecu.delivered[1])
+    take(ecu, 6, ecu.lateral_acceleration)
+    take(ecu, 7, product(ecu.speed, ecu.yaw_rate, 23))
+    take(ecu, 8, ecu.steering_acceleration)
+    take(ecu, 9, ecu.roll_rate)
+    take(ecu, 10, ecu.yaw_rate)
+    take(ecu, 11, ecu.x[GYRO_BIAS])
 
 
 def combined(ecu: Ecu, cal: Calibration, k: i32) -> i32:
@@ -125,72 +145,72 @@ def share(value: i32, weight: i32) -> i32:
 
 
 def followed(cal: Calibration, k: i32, slow: i32, value: i32) -> i32:
-    """Return the low-pass of part ``k``, that was ``slow``, after a tick with ``value``."""
+    """Return the low-pass of part ``k``, that was ``slow``, after a round with ``value``."""
     return sat31(slow + share(sat31(value - slow), cal.part_pass[k]))
 
 
-def number(cal: Calibration, k: i32) -> i32:
-    """Return which of the differentiated parts is part ``k``."""
-    return clamp(k - cal.part_end[1], 0, N_DERIVATIVES - 1)
-
-
-def washout(ecu: Ecu, cal: Calibration, k: i32) -> i32:
-    """Return the share that part ``k`` forgets in this tick; none of a part without washout."""
-    if cal.part_wash[k] == 0:
-        return 0
-    return clamp(cal.part_wash[k], ecu.residual_start, ONE)
-
-
-def start_parts(ecu: Ecu, cal: Calibration) -> None:
-    """Start all parts from their present inputs: nothing is left over now."""
-    ecu.residual_start = QUICK
-    for k in range(N_PARTS):
-        value: i32 = combined(ecu, cal, k)
-        ecu.part[k] = 0
-        ecu.part_memory[k] = 0
-        if k >= cal.part_end[2]:
-            ecu.part_memory[k] = value
-        elif k >= cal.part_end[1]:
-            ecu.part_slow[number(cal, k)] = 0
-            if cal.part_wash[k] == 0:
-                ecu.part_slow[number(cal, k)] = value
-        if cal.part_wash[k] != 0 and (k < cal.part_end[0] or k >= cal.part_end[1]):
-            ecu.part_memory[k] = sat31(-value)
-    for row in range(N_RESIDUALS):
-        ecu.residual_room[row] = 0
+def forget(ecu: Ecu, cal: Calibration, k: i32, value: i32) -> None:
+    """Let the washout of part ``k`` forget its share of ``value``; none without a washout."""
+    if cal.part_wash[k] != 0:
+        share_now: i32 = clamp(cal.part_wash[k], ecu.residual_start, ONE)
+        ecu.part_memory[k] = sat31(ecu.part_memory[k] - share(value, share_now))
 
 
 def washed(ecu: Ecu, cal: Calibration, k: i32, value: i32) -> i32:
     """Return ``value`` less what it has long been, and remember more of it."""
     new: i32 = sat31(ecu.part_memory[k] + value)
-    ecu.part_memory[k] = sat31(ecu.part_memory[k] - share(new, washout(ecu, cal, k)))
+    forget(ecu, cal, k, new)
     return new
 
 
-def advance_part(ecu: Ecu, cal: Calibration, k: i32) -> None:
-    """Advance one part by a tick, as its kind."""
-    value: i32 = combined(ecu, cal, k)
-    if k < cal.part_end[0]:
+def start_parts(ecu: Ecu, cal: Calibration) -> None:
+    """Start all parts from their present inputs: nothing is left over now."""
+    ecu.residual_start = QUICK
+    ecu.on_stops = 1
+    for k in range(cal.part_end[3]):
+        value: i32 = combined(ecu, cal, k)
+        ecu.part[k] = 0
+        ecu.part_memory[k] = 0
+        if k >= cal.part_end[2]:
+            ecu.part_memory[k] = value
+        elif k < cal.part_end[0] or k >= cal.part_end[1]:
+            if cal.part_wash[k] != 0:
+                ecu.part_memory[k] = sat31(-value)
+    for j in range(N_DERIVATIVES):
+        m: i32 = clamp(cal.part_end[1] + j, 0, N_PARTS - 1)
+        ecu.part_slow[j] = 0
+        if cal.part_wash[m] == 0:
+            ecu.part_slow[j] = combined(ecu, cal, m)
+    for row in range(N_RESIDUALS):
+        ecu.residual_room[row] = 0
+
+
+def advance_parts(ecu: Ecu, cal: Calibration) -> None:
+    """Advance all parts by a round, as their kinds."""
+    slower: i32 = rsh(ecu.residual_start, SLOWING)
+    ecu.residual_start = clamp(ecu.residual_start - slower, 0, ONE)
+    for d in range(cal.part_end[0]):
         # as it is
-        value = washed(ecu, cal, k, value)
-        ecu.part[k] = followed(cal, k, ecu.part[k], value)
-    elif k < cal.part_end[1]:
+        direct: i32 = washed(ecu, cal, d, combined(ecu, cal, d))
+        ecu.part[d] = followed(cal, d, ecu.part[d], direct)
+    for i in range(cal.part_end[0], cal.part_end[1]):
         # integrated
-        ecu.part[k] = followed(cal, k, ecu.part[k], ecu.part_memory[k])
-        washed(ecu, cal, k, 0)
-        ecu.part_memory[k] = sat31(ecu.part_memory[k] + value)
-    elif k < cal.part_end[2]:
+        ecu.part[i] = followed(cal, i, ecu.part[i], ecu.part_memory[i])
+        forget(ecu, cal, i, ecu.part_memory[i])
+        ecu.part_memory[i] = sat31(ecu.part_memory[i] + combined(ecu, cal, i))
+    for k in range(cal.part_end[1], cal.part_end[2]):
         # differentiated: less its low-pass
-        value = washed(ecu, cal, k, value)
-        slow: i32 = followed(cal, k, ecu.part_slow[number(cal, k)], value)
-        ecu.part_slow[number(cal, k)] = slow
-        ecu.part[k] = sat31(value - slow)
-    else:
+        j: i32 = clamp(k - cal.part_end[1], 0, N_DERIVATIVES - 1)
+        value: i32 = washed(ecu, cal, k, combined(ecu, cal, k))
+        ecu.part_slow[j] = followed(cal, k, ecu.part_slow[j], value)
+        ecu.part[k] = sat31(value - ecu.part_slow[j])
+    for m in range(cal.part_end[2], cal.part_end[3]):
         # mean magnitude of its steps
-        step: i32 = magnitude(sat31(value - ecu.part_memory[k]))
-        ecu.part_memory[k] = value
-        weight: i32 = clamp(cal.part_pass[k], ecu.residual_start, ONE)
-        ecu.part[k] = sat31(ecu.part[k] + share(sat31(step - ecu.part[k]), weight))
+        new: i32 = combined(ecu, cal, m)
+        step: i32 = magnitude(sat31(new - ecu.part_memory[m]))
+        ecu.part_memory[m] = new
+        weight: i32 = clamp(cal.part_pass[m], ecu.residual_start, ONE)
+        ecu.part[m] = sat31(ecu.part[m] + share(sat31(step - ecu.part[m]), weight))
 
 
 def judge(ecu: Ecu, cal: Calibration, row: i32, first: i32) -> None:
@@ -246,32 +266,63 @@ def isolate(ecu: Ecu, cal: Calibration, up: i32, down: i32) -> None:
                 ecu.contradicted[1] = 1
 
 
-def watch_residuals(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
-    """Judge the newest samples by all residuals; a missed tick or a returning input starts anew."""
-    if cal.part_end[3] == 0:
-        return
-    gather(ecu)
-    trust: i32 = trusted(ecu, cal)
-    if elapsed > 1 or (trust & (255 ^ ecu.residual_trust)) != 0:
-        start_parts(ecu, cal)
-    ecu.residual_trust = byte(trust)
-    slower: i32 = rsh(ecu.residual_start, SLOWING)
-    ecu.residual_start = clamp(ecu.residual_start - slower, 0, ONE)
-    for k in range(cal.part_end[3]):
-        if (trust & cal.part_needs[k]) == cal.part_needs[k]:
-            advance_part(ecu, cal, k)
+def in_range(ecu: Ecu, cal: Calibration) -> i32:
+    """Return the bits of the ranges in which the car is.
+
+    A body that was seen to lean as far as its stops is off them where no car would reach them.
+    """
+    bits: i32 = 0
+    if ecu.motion_peak <= cal.residual_linear:
+        bits = LINEAR
+    if ecu.motion_peak <= cal.residual_on_road:
+        bits = bits | ON_ROAD
+    if magnitude(ecu.part[cal.lean_part]) > cal.lean_max:
+        ecu.on_stops = 1
+    elif ecu.motion_peak <= cal.residual_off_stops:
+        ecu.on_stops = 0
+    return bits | (OFF_STOPS * (ecu.on_stops ^ 1))
+
+
+def judge_residuals(ecu: Ecu, cal: Calibration) -> None:
+    """Judge all residuals of a round and what they say together."""
+    trust: i32 = in_range(ecu, cal)
+    trust = trust | ecu.residual_trust
     up: i32 = 0
     down: i32 = 0
     first: i32 = 0
     for row in range(N_RESIDUALS):
-        needs: i32 = cal.residual_needs[row]
-        if (trust & needs) == needs and ecu.motion_peak <= cal.residual_range[row]:
+        if (trust & cal.residual_needs[row]) == cal.residual_needs[row]:
             judge(ecu, cal, row, first)
         else:
             ecu.residual_count[row] = 0
         if ecu.residual_count[row] >= cal.residual_ticks[row]:
             up = up | cal.residual_bit[row]
-        if ecu.residual_count[row] <= -cal.residual_ticks[row]:
+        elif ecu.residual_count[row] <= -cal.residual_ticks[row]:
             down = down | cal.residual_bit[row]
         first = cal.residual_end[row]
     isolate(ecu, cal, up, down)
+
+
+def watch_residuals(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
+    """Judge the newest samples by all residuals; a missed tick or a returning input starts anew."""
+    if cal.part_end[3] == 0:
+        return
+    if elapsed > 1:
+        ecu.residual_turn = 0
+        ecu.residual_trust = 0
+        return
+    gather_strokes(ecu)
+    gather(ecu)
+    if ecu.residual_turn == 0:
+        ecu.residual_turn = 1
+        judge_residuals(ecu, cal)
+        return
+    ecu.residual_turn = 0
+    trust: i32 = trusted(ecu, cal)
+    if (trust & (255 ^ ecu.residual_trust)) != 0:
+        start_parts(ecu, cal)
+    else:
+        advance_parts(ecu, cal)
+    ecu.residual_trust = byte(trust)
+    for k in range(4):
+        ecu.residual_input[SUMMED + k] = 0

@@ -1,6 +1,6 @@
 """The residuals of a bank in fixed point."""
 
-from math import ceil, isinf
+from math import ceil
 
 from canroll.errors import CanrollError
 from firmware import calibration as fw
@@ -8,8 +8,11 @@ from firmware.monitors.residuals import (
     GAIN_BITS,
     GYRO,
     LATERAL,
+    LINEAR,
     MOMENT,
     MOTION,
+    OFF_STOPS,
+    ON_ROAD,
     STROKE,
     SUMMED,
     WRONG_FRONT,
@@ -44,6 +47,7 @@ WRONG = {
     "front": WRONG_FRONT,
     "rear": WRONG_REAR,
 }
+RANGES = {"linear": LINEAR, "on_road": ON_ROAD, "off_stops": OFF_STOPS}
 WEIGHT_BITS = 6
 Value = int | list[int] | list[list[int]]
 
@@ -57,7 +61,12 @@ def residual_fields(bank: Bank, period: float) -> dict[str, Value]:
     ordered = sorted(bank.parts.values(), key=lambda part: KINDS.index(part.kind))
     numbers = {part.name: k for k, part in enumerate(ordered)}
     needs = {part.name: _needs(part) for part in ordered}
-    return _parts(ordered, bank.tick, period) | _residuals(bank, numbers, needs) | _signatures(bank)
+    return (
+        _parts(ordered, bank.tick, period)
+        | _residuals(bank, numbers, needs)
+        | _ranges(bank, numbers)
+        | _signatures(bank)
+    )
 
 
 def _needs(part: Part) -> int:
@@ -92,7 +101,6 @@ def _parts(ordered: list[Part], tick: float, period: float) -> dict[str, Value]:
         "part_end": [sum(kind <= k for kind in kinds) for k in range(len(KINDS))],
         "part_input": inputs + [[0, 0]] * spare,
         "part_gain": rows + [[0, 0]] * spare,
-        "part_needs": [_needs(part) for part in ordered] + [0] * spare,
         "part_wash": [round(fw.ONE / part.memory(tick)) for part in ordered] + [0] * spare,
         "part_pass": [min(fw.ONE, round(fw.ONE * tick / part.low_pass)) for part in ordered]
         + [0] * spare,
@@ -124,7 +132,7 @@ def _residuals(bank: Bank, numbers: dict[str, int], needs: dict[str, int]) -> di
     ]
     of_rows = []
     for residual in bank.residuals:
-        bit = 0
+        bit = sum(RANGES[name] for name in residual.ranges)
         for term in residual.terms:
             bit |= needs[term.part]
         of_rows.append(bit)
@@ -150,13 +158,24 @@ def _residuals(bank: Bank, numbers: dict[str, int], needs: dict[str, int]) -> di
         ]
         + [fw.STATE_MAX // 2] * spare,
         "residual_fade": [round(fw.ONE * bank.tick / r.hold) for r in bank.residuals] + [0] * spare,
-        "residual_range": [
-            fw.STATE_MAX if isinf(r.limit) else round(r.limit * 2.0**fw.Q_ACCELERATION)
-            for r in bank.residuals
-        ]
-        + [0] * spare,
-        "residual_ticks": [max(2, round(r.time / bank.tick)) for r in bank.residuals] + [1] * spare,
+        "residual_ticks": [bank.rounds(r.time) for r in bank.residuals] + [1] * spare,
         "residual_bit": [bits[r.bit] for r in bank.residuals] + [0] * spare,
+    }
+
+
+def _ranges(bank: Bank, numbers: dict[str, int]) -> dict[str, Value]:
+    """Return the fields of the ranges in which residuals are judged."""
+    ranges = bank.ranges
+
+    def stored(value: float, q: int) -> int:
+        return min(fw.STATE_MAX, round(value * 2.0**q))
+
+    return {
+        "residual_linear": stored(ranges.linear, fw.Q_ACCELERATION),
+        "residual_on_road": stored(ranges.on_road, fw.Q_ACCELERATION),
+        "residual_off_stops": stored(ranges.off_stops, fw.Q_ACCELERATION),
+        "lean_part": numbers.get(ranges.lean, 0),
+        "lean_max": stored(ranges.lean_max, fw.Q_MOMENT),
     }
 
 
@@ -177,7 +196,7 @@ def _signatures(bank: Bank) -> dict[str, Value]:
         "signature_same": [mask(s.same) for s in bank.signatures] + [0] * spare,
         "signature_opposite": [mask(s.opposite) for s in bank.signatures] + [0] * spare,
         "signature_absent": [mask(s.absent) for s in bank.signatures] + [0] * spare,
-        "signature_ticks": [max(1, round(s.time / bank.tick) + 1) for s in bank.signatures]
+        "signature_ticks": [max(1, ceil(s.time / bank.tick) + 1) for s in bank.signatures]
         + [1] * spare,
         "signature_wrong": [sum(WRONG[name] for name in s.wrong) for s in bank.signatures]
         + [0] * spare,

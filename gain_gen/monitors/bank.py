@@ -6,7 +6,7 @@ raises. The firmware runs such a bank (:mod:`firmware.monitors.residuals`).
 """
 
 from dataclasses import dataclass
-from math import inf, pi
+from math import ceil, inf, pi
 
 DIRECT, INTEGRAL, DERIVATIVE, STEP = "direct", "integral", "derivative", "step"
 KINDS = (DIRECT, INTEGRAL, DERIVATIVE, STEP)
@@ -66,7 +66,7 @@ class Residual:
         time: without a break beyond the threshold before it is raised, s.
         hold: time constant with which its threshold fades, s: for so long the filter remembers what
             no share of its parts says.
-        limit: largest lateral acceleration by yaw rate or steering at which it is judged, m/s².
+        ranges: of :class:`Ranges`, in which it is judged.
     """
 
     name: str
@@ -75,7 +75,7 @@ class Residual:
     floor: float
     time: float
     hold: float = 0.4
-    limit: float = inf
+    ranges: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,10 +102,40 @@ class Signature:
 
 
 @dataclass(frozen=True, slots=True)
+class Ranges:
+    """Where residuals are judged, by the peak of yaw rate × speed and of steering, m/s².
+
+    Attributes:
+        linear: below it tyres are linear.
+        on_road: below it all wheels are on the road.
+        off_stops: below it no body of the box leans on its bump stops.
+        lean: name of the part that says how far the body leans; empty: there is none.
+        lean_max: beyond it the body leans on its stops, N·m: it does until it is below
+            ``off_stops``.
+    """
+
+    linear: float
+    on_road: float
+    off_stops: float
+    lean: str = ""
+    lean_max: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class Bank:
-    """Parts by name, residuals and signatures of one car, at one ``tick`` (s)."""
+    """Parts by name, residuals and signatures of one car; ``tick`` is that of a round, s."""
 
     parts: dict[str, Part]
     residuals: tuple[Residual, ...]
     signatures: tuple[Signature, ...]
+    ranges: Ranges
     tick: float
+
+    def rounds(self, time: float) -> int:
+        """Return for how many rounds a residual of ``time`` (s) is beyond its threshold."""
+        return rounds(time, self.tick)
+
+
+def rounds(time: float, tick: float) -> int:
+    """Return the least number of rounds of ``tick`` s that last ``time`` s, at least two."""
+    return max(2, ceil(time / tick - 1e-6))

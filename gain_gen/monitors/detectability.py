@@ -92,7 +92,7 @@ def effects(bank: Bank, residual: Residual, fault: Fault) -> tuple[float, float]
     The least after :data:`TOLERATED` while it counts: what is washed out has been seen by then.
     """
     ticks = max(2, round(TOLERATED / bank.tick))
-    counted = max(1, round(residual.time / bank.tick))
+    counted = bank.rounds(residual.time)
     total, size = np.zeros(ticks), np.zeros(ticks)
     for term in residual.terms:
         part = bank.parts[term.part]

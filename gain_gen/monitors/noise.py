@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 import dbc
-from gain_gen.monitors.bank import DERIVATIVE, DIRECT, INTEGRAL, Part, Term
+from firmware.monitors.residuals import ROUND
+from gain_gen.monitors.bank import DERIVATIVE, DIRECT, INTEGRAL, Part, Term, rounds
 from gain_gen.monitors.uncertainty import Uncertainty
 from vehicles import Vehicle
 from vehicles.equipment import Channel
@@ -100,7 +101,7 @@ def floor(
     signs = {term.part: term.sign for term in terms}
     memory = max([part.memory(tick) * tick for part in summed if part.washout], default=1.0)
     length = max(200, min(20_000, round(5.0 * memory / tick)))
-    window = max(1, round(time / tick))
+    window = rounds(time, tick)
     sigma, offset = deviations(vehicle, box), offsets(vehicle, box)
     variance = largest = 0.0
     impulse = np.zeros(length)
@@ -112,7 +113,8 @@ def floor(
             np.zeros(length),
         )
         mean = np.convolve(of_signal, np.full(window, 1.0 / window))
-        variance += sigma.get(signal, 0.0) ** 2 * float(mean @ mean)
+        # a round takes the mean of its samples
+        variance += sigma.get(signal, 0.0) ** 2 / ROUND * float(mean @ mean)
         if not all(part.washout and part.kind == DIRECT for part in summed if signal in part.gains):
             largest += offset.get(signal, 0.0) * abs(float(of_signal.sum()))
     passes = max(part.low_pass for part in summed)

@@ -8,8 +8,9 @@ N: the lateral acceleration counts by m h, a roll rate by the roll damping.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from math import inf, sin, sqrt
+from math import sin, sqrt
 
+from firmware.monitors.residuals import ROUND
 from gain_gen.models.task import Task
 from gain_gen.monitors.bank import (
     DERIVATIVE,
@@ -19,6 +20,7 @@ from gain_gen.monitors.bank import (
     STEP,
     Bank,
     Part,
+    Ranges,
     Residual,
     Term,
 )
@@ -139,16 +141,21 @@ def lifting(car: Car) -> tuple[float, float]:
     return front, rear
 
 
-def on_stops(car: Car, box: Uncertainty) -> float:
-    """Return the lateral acceleration (m/s²) at which a car of the box first leans on its stops."""
+def free_lean(car: Car) -> float:
+    """Return the roll (rad) of the suspension at which the body first leans on its stops.
+
+    Clearances are those of the car as it stands, with its load.
+    """
     suspension = car.vehicle.suspension
-    roll = steady_roll(car.vehicle, car.stiffness)
     clearance = min(suspension.bump_clearance, suspension.rebound_clearance)
-    travel = max(
-        (roll[0] - tilt) * track / 2.0 for tilt, track in zip(roll[1:], car.tracks, strict=True)
-    )
+    return 2.0 * clearance / max(car.tracks)
+
+
+def off_stops(car: Car, box: Uncertainty) -> float:
+    """Return the lateral acceleration (m/s²) below which no car of the box leans on its stops."""
+    roll = steady_roll(car.vehicle, car.stiffness)
     worst = (1.0 + box.mass) * (1.0 + box.height) / (1.0 - box.stiffness)
-    return clearance / (travel * worst)
+    return free_lean(car) / ((roll[0] - min(roll[1:])) * worst)
 
 
 def deviation(gain: Gain, box: Uncertainty, names: tuple[str, ...]) -> float:
@@ -180,6 +187,7 @@ def bank_of(task: Task, box: Uncertainty, *, suspension: bool, moments: bool) ->
     """
     gyro = task.observer not in ("acceleration", "acceleration_propagated", "reference")
     builder = Builder(car_of(task.vehicle), box, task.tick)
+    lean = ""
     if task.observer != "reference":
         builder.lateral()
         if gyro:
@@ -188,24 +196,30 @@ def bank_of(task: Task, box: Uncertainty, *, suspension: bool, moments: bool) ->
                 builder.gyro(moments)
         if suspension and moments:
             if gyro:
-                builder.body()
+                lean = builder.body()
             builder.axles()
             if task.actuator == "suspension":
                 builder.heave()
     bits = {residual.bit for residual in builder.residuals}
     naming = max(0.0, builder.axle_time - builder.body_time)
-    return Bank(builder.parts, tuple(builder.residuals), signatures(bits, naming), task.tick)
+    car = builder.car
+    ranges = Ranges(
+        LINEAR, builder.on_road, off_stops(car, box), lean, car.stiffness * free_lean(car)
+    )
+    return Bank(
+        builder.parts, tuple(builder.residuals), signatures(bits, naming), ranges, builder.tick
+    )
 
 
 class Builder:
     """Parts and residuals as they are added; a residual names the parts it is made of."""
 
     def __init__(self, car: Car, box: Uncertainty, tick: float) -> None:
-        self.car, self.box, self.tick = car, box, tick
+        self.car, self.box, self.sample, self.tick = car, box, tick, ROUND * tick
         self.parts: dict[str, Part] = {}
         self.residuals: list[Residual] = []
         geometry = car.vehicle.geometry
-        self.body_time = 2.0 * LOW_PASS + tick
+        self.body_time = 2.0 * LOW_PASS + self.tick
         self.axle_time = geometry.wheelbase / SLOWEST
         self.on_road = min(lifting(car)) / (1.0 + box.height)
 
@@ -216,7 +230,14 @@ class Builder:
         return name
 
     def residual(
-        self, name: str, bit: str, terms: list[Term], *, time: float, **more: float
+        self,
+        name: str,
+        bit: str,
+        terms: list[Term],
+        *,
+        time: float,
+        ranges: tuple[str, ...] = (),
+        **more: float,
     ) -> None:
         """Add a residual, its floor that of the noise and a constant ``besides``."""
         noise = floor(
@@ -227,9 +248,9 @@ class Builder:
             tick=self.tick,
             time=time,
         )
-        limit, hold = more.get("limit", float("inf")), more.get("hold", HOLD)
         least = noise + more.get("besides", 0.0)
-        self.residuals.append(Residual(name, bit, tuple(terms), least, time, hold, limit))
+        hold = more.get("hold", HOLD)
+        self.residuals.append(Residual(name, bit, tuple(terms), least, time, hold, ranges))
 
     def strokes(self, gains: tuple[float, float], factor: float = 1.0) -> dict[str, float]:
         """Return gains of both axles' stroke rates from those of their roll rates."""
@@ -242,10 +263,14 @@ class Builder:
     def late(self, washout: float) -> float:
         """Return how far an integral walks for samples that are lost, per mean step."""
         integral = Part("", INTEGRAL, {}, washout)
-        return walk(integral, self.box, self.tick, OF_STEPS * sqrt(self.box.late))
+        return walk(integral, self.box, self.sample, OF_STEPS * sqrt(self.box.late))
 
-    def body(self) -> None:
-        """Add the balance of moments on the body: J p' + springs + dampers = m h a_y + moments."""
+    def body(self) -> str:
+        """Add the balance of moments on the body: J p' + springs + dampers = m h a_y + moments.
+
+        Return the name of the springs' part, by which the body leans. What its stops bear is in no
+        residual: on them it is not judged.
+        """
         car, box = self.car, self.box
         springs = car.stiffness * car.shares[0], car.stiffness * car.shares[1]
         inertia = deviation(lambda f: effective_inertia(car, f), box, ("mass", "height", "inertia"))
@@ -255,10 +280,7 @@ class Builder:
         steps = self.part(
             "steps of the springs", STEP, gains=self.strokes(springs, late), low_pass=MEAN
         )
-        for name, washout, hold, limit in (
-            ("slow", SLOW, BODY_HOLD, on_stops(car, box)),
-            ("fast", FAST, HOLD, inf),
-        ):
+        for name, washout, hold in (("slow", SLOW, BODY_HOLD), ("fast", FAST, HOLD)):
             terms = [
                 Term(
                     self.part(
@@ -306,12 +328,14 @@ class Builder:
                 ),
             ]
             self.residual(
-                f"body, {name}", "body", terms, time=self.body_time, hold=hold, limit=limit
+                f"body, {name}",
+                "body",
+                terms,
+                time=self.body_time,
+                hold=hold,
+                ranges=("off_stops",),
             )
-            if limit < inf:
-                self.residual(
-                    f"body, {name}, on its stops", "body", terms, time=self.body_time, hold=HOLD
-                )
+        return "springs, slow"
 
     def lateral(self) -> None:
         """Add the lateral acceleration against yaw rate × speed and against steering."""
@@ -329,16 +353,16 @@ class Builder:
         )
         slip, bank = box.sideslip * m, GRAVITY * sin(box.bank) * m
         terms = [Term(turn, 1, 0.0), Term(turning, 0, apart)]
-        self.residual("turn", "turn", terms, time=self.body_time, besides=slip, limit=LINEAR)
+        self.residual("turn", "turn", terms, time=self.body_time, besides=slip, ranges=("linear",))
         self.residual(
-            "turn, bank", "far", terms, time=LATERAL_TIME, besides=slip + bank, limit=LINEAR
+            "turn, bank", "far", terms, time=LATERAL_TIME, besides=slip + bank, ranges=("linear",)
         )
         terms = [
             Term(steer, 1, 0.0),
             Term(angle, 0, steering_deviation(car, box)),
             Term(change, 0, 1.0),
         ]
-        self.residual("steer", "steer", terms, time=LATERAL_TIME, besides=slip, limit=LINEAR)
+        self.residual("steer", "steer", terms, time=LATERAL_TIME, besides=slip, ranges=("linear",))
         terms = [Term(turn, 1, 0.0), Term(both, 0, 1.0)]
         self.residual("opposite", "opposite", terms, time=OPPOSITE_TIME, besides=2.0 * OPPOSITE * m)
 
@@ -391,7 +415,7 @@ class Builder:
                 [Term(difference, 1, 0.0), Term(rate, 0, weight), *terms],
                 time=GYRO_TIME,
                 besides=box.bank_rate * damping,
-                limit=self.on_road,
+                ranges=("on_road",),
             )
 
     def axles(self) -> None:
@@ -437,7 +461,7 @@ class Builder:
             "steps apart",
             STEP,
             gains=self.strokes(
-                (tyre, -tyre), walk(Part("", INTEGRAL, {}, AXLES), box, self.tick, OF_RATE)
+                (tyre, -tyre), walk(Part("", INTEGRAL, {}, AXLES), box, self.sample, OF_RATE)
             ),
             low_pass=MEAN,
         )
@@ -452,7 +476,7 @@ class Builder:
             Term(turned, 1, box.mass),
             Term(road, 0, 1.0),
         ]
-        self.residual("axles", "axles", terms, time=self.axle_time, limit=self.on_road)
+        self.residual("axles", "axles", terms, time=self.axle_time, ranges=("on_road",))
 
     def heave(self) -> None:
         """Add what the springs carry: the body's weight, however it moves, and hills (N)."""

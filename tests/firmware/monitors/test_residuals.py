@@ -10,7 +10,19 @@ from hypothesis import strategies as st
 
 from firmware import calibration as fw
 from firmware.monitors import residuals
-from firmware.monitors.residuals import GYRO, LATERAL, MOMENT, MOTION, STROKE, YAW, watch_residuals
+from firmware.monitors.residuals import (
+    GYRO,
+    LATERAL,
+    LINEAR,
+    MOMENT,
+    MOTION,
+    OFF_STOPS,
+    ON_ROAD,
+    ROUND,
+    STROKE,
+    YAW,
+    watch_residuals,
+)
 from firmware.state import (
     FIRST_FRAME,
     GYRO_BIAS,
@@ -31,7 +43,7 @@ EVERY = GYRO | LATERAL | YAW | MOTION | STROKE | MOMENT
 
 @dataclass(frozen=True)
 class Part:
-    """A part in plain numbers: N·m per m/s², shares a tick."""
+    """A part in plain numbers: N·m per m/s², shares a round."""
 
     kind: int
     gain: float = 100.0
@@ -47,7 +59,6 @@ class Row:
     needs: int = LATERAL
     bit: int = 1
     floor: float = FLOOR
-    limit: int = fw.STATE_MAX
 
 
 @dataclass(frozen=True)
@@ -73,8 +84,8 @@ def bank(
     for k, part in enumerate(parts):
         cal.part_input[k] = [inputs, inputs]
         cal.part_gain[k] = [round(part.gain * 2**10), 0]
-        cal.part_needs[k] = LATERAL
         cal.part_wash[k], cal.part_pass[k] = round(part.wash * 2**30), round(part.low * 2**30)
+    cal.residual_linear = cal.residual_on_road = cal.residual_off_stops = fw.STATE_MAX
     cal.residual_fade = [round(FADE * 2**30)] * fw.N_RESIDUALS
     end = 0
     for k, row in enumerate(rows):
@@ -85,7 +96,7 @@ def bank(
         cal.residual_end[k:] = [end] * (fw.N_RESIDUALS - k)
         cal.residual_needs[k], cal.residual_bit[k] = row.needs, row.bit
         cal.residual_floor[k] = round(row.floor * NEWTON)
-        cal.residual_range[k], cal.residual_ticks[k] = row.limit, TICKS
+        cal.residual_ticks[k] = TICKS
     for k, pattern in enumerate(patterns):
         cal.signature_same[k], cal.signature_opposite[k] = pattern.same, pattern.opposite
         cal.signature_absent[k], cal.signature_ticks[k] = pattern.absent, pattern.ticks
@@ -103,10 +114,11 @@ def moving(cal: fw.Calibration) -> Ecu:
 
 
 def feed(ecu: Ecu, cal: fw.Calibration, *lateral: float) -> None:
-    """Ticks with these lateral accelerations, m/s²."""
+    """Rounds with these lateral accelerations, m/s²."""
     for value in lateral:
         ecu.lateral_acceleration = round(value * 2**fw.Q_ACCELERATION)
-        watch_residuals(ecu, cal, 1)
+        for _ in range(ROUND):
+            watch_residuals(ecu, cal, 1)
 
 
 @dataclass
@@ -127,7 +139,7 @@ class Floats:
         self.slow = np.zeros(len(self.parts))
         self.value = np.zeros(len(self.parts))
 
-    def tick(self, lateral: float) -> None:
+    def round(self, lateral: float) -> None:
         if not self.started:
             self.started = True
             for k, part in enumerate(self.parts):
@@ -138,7 +150,8 @@ class Floats:
                     self.slow[k] = first
                 elif part.kind == STEP:
                     self.memory[k] = first
-        self.quick *= 15.0 / 16.0
+            return
+        self.quick *= 7.0 / 8.0
         for k, part in enumerate(self.parts):
             x = part.gain * lateral
             wash = max(part.wash, self.quick) if part.wash else 0.0
@@ -181,7 +194,7 @@ def test_parts_and_thresholds_are_those_of_their_equations():
     ecu, floats = moving(cal), Floats(PARTS, TERMS)
     for value in lateral:
         feed(ecu, cal, value)
-        floats.tick(value)
+        floats.round(value)
         values = np.array(ecu.part[: len(PARTS)]) / NEWTON
         np.testing.assert_allclose(values, floats.value, atol=0.1, rtol=1e-4)
         assert ecu.residual_room[0] / NEWTON == pytest.approx(floats.room, abs=2.0, rel=0.01)
@@ -204,6 +217,7 @@ def test_beyond_its_threshold_to_one_side_for_its_time_it_is_raised(side, latera
     cal = bank([Part(DIRECT)], [Row(((0, 1, 0.0),))])
     ecu = moving(cal)
     raised = None
+    feed(ecu, cal, 0.0)
     for number in range(1, 3 * TICKS):
         feed(ecu, cal, side * lateral)
         if raised is None and ecu.residual_count[0] == side * TICKS:
@@ -214,6 +228,7 @@ def test_beyond_its_threshold_to_one_side_for_its_time_it_is_raised(side, latera
 def test_what_bounces_counts_anew():
     cal = bank([Part(DIRECT)], [Row(((0, 1, 0.0),))])
     ecu = moving(cal)
+    feed(ecu, cal, 0.0)
     for _ in range(5):
         feed(ecu, cal, *[0.6] * (TICKS - 1), *[-0.6] * (TICKS - 1))
         assert abs(ecu.residual_count[0]) == TICKS - 1
@@ -270,7 +285,7 @@ def test_two_residuals_and_their_sides_name_the_axle(raised, found):
     parts = [Part(DIRECT), Part(DIRECT)]
     rows = [Row(((0, 1, 0.0),), MOMENT, bit=1), Row(((1, 1, 0.0),), MOMENT, bit=2)]
     cal = bank(parts, rows, patterns)
-    cal.part_input[1], cal.part_needs[1] = [10, 10], YAW
+    cal.part_input[1] = [10, 10]
     cal.part_gain[1] = [round(100.0 * 2**7), 0]
     ecu = moving(cal)
     ecu.yaw_rate = round(raised[1] * 2**fw.Q_RATE)
@@ -292,7 +307,7 @@ def test_a_finding_ends_the_trust_in_what_is_wrong():
     row = Row(((0, 1, 0.0),), needs=MOMENT)
     cal = bank([Part(DIRECT)], [row], (Pattern(1, residuals.WRONG_FRONT),))
     ecu = moving(cal)
-    feed(ecu, cal, *[0.6] * TICKS)
+    feed(ecu, cal, 0.0, *[0.6] * TICKS)
     assert ecu.contradicted == [1, 0]
     feed(ecu, cal, 0.6)
     assert ecu.residual_count[0] == 0
@@ -343,12 +358,18 @@ def test_a_missed_tick_or_a_returning_input_starts_anew(interrupted):
         feed(ecu, cal, 0.6)
     else:
         watch_residuals(ecu, cal, 2)
+        feed(ecu, cal, 0.6)
     assert ecu.residual_count[0] == 0
     assert ecu.part[0] == 0
 
 
-def test_beyond_its_range_it_rests():
-    cal = bank([Part(DIRECT)], [Row(((0, 1, 0.0),), limit=5 << fw.Q_ACCELERATION)])
+@pytest.mark.parametrize(
+    ("name", "bit"), [("linear", LINEAR), ("on_road", ON_ROAD), ("off_stops", OFF_STOPS)]
+)
+def test_beyond_its_range_it_rests(name, bit):
+    cal = bank([Part(DIRECT)], [Row(((0, 1, 0.0),), needs=LATERAL | bit)])
+    setattr(cal, f"residual_{name}", 5 << fw.Q_ACCELERATION)
+    cal.lean_max = fw.STATE_MAX
     ecu = moving(cal)
     ecu.motion_peak = (5 << fw.Q_ACCELERATION) + 1
     feed(ecu, cal, *[9.0] * 20)
@@ -358,10 +379,52 @@ def test_beyond_its_range_it_rests():
     assert ecu.residual_count[0] == 2
 
 
+def test_a_body_seen_on_its_stops_is_off_them_where_none_would_be():
+    parts = [Part(DIRECT), Part(DIRECT, gain=1.0)]
+    cal = bank(parts, [Row(((0, 1, 0.0),), needs=LATERAL | OFF_STOPS)])
+    cal.lean_part, cal.lean_max = 1, round(5.0 * NEWTON)
+    cal.residual_off_stops = 3 << fw.Q_ACCELERATION
+    ecu = moving(cal)
+    feed(ecu, cal, 0.0)
+    # curves that a stiff body takes without leaning as far
+    ecu.motion_peak = 6 << fw.Q_ACCELERATION
+    feed(ecu, cal, *[4.9] * 3)
+    assert ecu.residual_count[0] == 6
+    feed(ecu, cal, 5.1)
+    assert ecu.residual_count[0] == 0
+    feed(ecu, cal, *[4.9] * 50)
+    assert ecu.residual_count[0] == 0
+    ecu.motion_peak = 3 << fw.Q_ACCELERATION
+    feed(ecu, cal, 4.9)
+    assert ecu.residual_count[0] == 2
+
+
+def test_a_start_in_a_curve_may_be_on_the_stops():
+    cal = bank([Part(DIRECT)], [Row(((0, 1, 0.0),), needs=LATERAL | OFF_STOPS)])
+    cal.lean_max, cal.residual_off_stops = fw.STATE_MAX, 3 << fw.Q_ACCELERATION
+    ecu = moving(cal)
+    ecu.motion_peak = 4 << fw.Q_ACCELERATION
+    feed(ecu, cal, *[9.0] * 20)
+    assert ecu.residual_count[0] == 0
+
+
+def test_parts_advance_in_one_tick_and_are_judged_in_the_next():
+    cal = bank([Part(DIRECT)], [Row(((0, 1, 0.0),))])
+    ecu = moving(cal)
+    feed(ecu, cal, 0.0)
+    ecu.lateral_acceleration = round(0.6 * 2**fw.Q_ACCELERATION)
+    watch_residuals(ecu, cal, 1)
+    assert (ecu.part[0] > 0, ecu.residual_count[0]) == (True, 0)
+    ecu.lateral_acceleration = 0
+    watch_residuals(ecu, cal, 1)
+    assert (ecu.part[0] > 0, ecu.residual_count[0]) == (True, 1)
+
+
 def test_inputs_are_what_they_are_called():
     cal = bank([Part(DIRECT)], [Row(((0, 1, 0.0),))])
     ecu = moving(cal)
     ecu.stroke_rate = [1, 20, 300, 4000]
+    ecu.fresh[RX_SUSPENSION_RATE], ecu.rate_sample = FIRST_FRAME, 1
     ecu.delivered = [5, 6]
     ecu.lateral_acceleration, ecu.steering_acceleration = 7, 8
     ecu.roll_rate, ecu.yaw_rate = 9, 10 << 20
@@ -379,16 +442,19 @@ def test_a_stroke_is_the_sum_of_its_samples_whenever_they_come(steps):
     cal = bank([Part(DIRECT)], [Row(((0, 1, 0.0),))])
     ecu = moving(cal)
     rates = [1000 * (k + 1) for k in range(9)]
-    sample, total = 0, 0
+    cal.part_end, cal.part_input[0] = [0, 1, 1, 1], [residuals.SUMMED, residuals.SUMMED]
+    cal.part_gain[0] = [1 << residuals.GAIN_BITS, 0]
+    sample = 0
     ecu.stroke_rate[0], ecu.rate_sample, ecu.fresh[RX_SUSPENSION_RATE] = rates[0], 0, FIRST_FRAME
-    watch_residuals(ecu, cal, 1)
-    for step in steps:
+    ecu.residual_input[0] = rates[0]
+    for _ in range(2 * ROUND):
+        watch_residuals(ecu, cal, 1)
+    for step in (*steps, 0):
         sample += step
         ecu.fresh[RX_SUSPENSION_RATE] = FIRST_FRAME if step else 0
         ecu.stroke_rate[0], ecu.rate_sample = rates[sample], sample
         watch_residuals(ecu, cal, 1)
-        total += ecu.residual_input[residuals.SUMMED]
-    assert total == sum(rates[1:])
+    assert ecu.part_memory[0] == sum(rates[1:])
 
 
 def test_a_calibration_without_residuals_costs_nothing_and_finds_nothing():

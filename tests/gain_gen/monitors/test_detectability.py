@@ -15,7 +15,7 @@ from gain_gen.monitors.uncertainty import Uncertainty
 from vehicles import load
 
 TICK = 0.01
-SETTLED = 3000
+SETTLED = 6000
 
 
 def designed(name="van_real", actuator="bars"):
