@@ -42,7 +42,7 @@ class Arrivals:
         cycle: inferred period of the periodic part, 0: none.
         offset: first nominal release of the grid, from the log's start.
         frames: number recorded; ``between``: those not on the grid.
-        missing: grid points without a frame; ``restarts``: jumps of the phase.
+        missing: grid points in the log without a frame; ``restarts``: jumps of the phase.
         exact: frames on the grid with exactly known release; for nine tenths it is known within
             ``uncertainty``, by which the jitter may be overestimated.
         residual: root mean square deviation of releases from the grid.
@@ -71,6 +71,7 @@ def find_arrivals(
     latest: NDArray[np.int64],
     exact: NDArray[np.bool_],
     *,
+    cuts: NDArray[np.int64],
     duration_ns: int,
 ) -> Arrivals:
     """Return the arrival curve of frames queued between ``earliest`` and ``latest``.
@@ -79,12 +80,13 @@ def find_arrivals(
         earliest: sorted instants in nanoseconds, one entry per frame.
         latest: likewise; where ``exact``, equal to ``earliest``.
         exact: mask of the exactly known ones.
+        cuts: instants within what was cut out of the log.
         duration_ns: of the log.
     """
     count = len(latest)
     if count < LEAST_FRAMES:
         return _events(earliest, latest, None, duration_ns)
-    grid = find_grid(latest)
+    grid = find_grid(latest, cuts)
     if grid.on.all() and grid.filled >= _FILLED_PERIODIC and not grid.restarts:
         return _periodic(earliest, latest, exact, grid)
     return _events(earliest, latest, grid, duration_ns)
@@ -122,7 +124,7 @@ def _periodic(
         offset=round(nominal % period),
         frames=len(latest),
         between=0,
-        missing=int(grid.places[-1] - grid.places[0]) + 1 - len(latest),
+        missing=round(len(latest) / grid.filled) - len(latest),
         restarts=0,
         exact=int(exact.sum()),
         uncertainty=uncertainty,

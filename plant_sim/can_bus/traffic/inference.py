@@ -193,6 +193,7 @@ def _message(logged: Logged, times: QueueTimes, chosen: NDArray[np.int64]) -> In
         times.earliest[chosen] - begin,
         start,
         times.exact[chosen],
+        cuts=logged.cuts_ns - begin,
         duration_ns=int(times.end[-1]) - begin,
     )
     rows = times.order[chosen]

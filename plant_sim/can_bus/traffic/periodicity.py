@@ -4,7 +4,7 @@ The grid is tracked frame by frame: the next frame is expected one period after 
 slow correction of the phase. Frames may be missing or in between, and a node may restart.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -27,7 +27,7 @@ class Grid:
     """Frames on a grid: ``period`` (ns), and the grid point of every frame.
 
     ``places``: grid points, −1 for a frame off the grid. ``filled``: share of grid points with a
-    frame. ``restarts``: number of jumps of the phase.
+    frame, of those that the log covers. ``restarts``: number of jumps of the phase.
     """
 
     period: float
@@ -48,8 +48,11 @@ class Grid:
         return 2.0 * hits / (hits / self.filled + len(self.places)) if hits else 0.0
 
 
-def find_grid(times: NDArray[np.int64]) -> Grid:
-    """Return the best grid for the sorted times (ns) of at least three frames."""
+def find_grid(times: NDArray[np.int64], cuts: NDArray[np.int64]) -> Grid:
+    """Return the best grid for the sorted times (ns) of at least three frames.
+
+    ``cuts``: instants within what was cut out of the log, where no frame is missing.
+    """
     sample = times[:_TRIAL]
     trials = [
         (grid.agreement, grid.period, first)
@@ -63,7 +66,16 @@ def find_grid(times: NDArray[np.int64]) -> Grid:
         # again with the period of the whole log
         period = float(np.polyfit(grid.places[grid.on], times[grid.on] - times[0], 1)[0])
         grid = _follow(times, period, first)
-    return grid
+    return replace(grid, filled=_filled(grid, times, cuts))
+
+
+def _filled(grid: Grid, times: NDArray[np.int64], cuts: NDArray[np.int64]) -> float:
+    """Return the share of grid points with a frame, without those in what was cut out."""
+    hits = np.flatnonzero(grid.on)
+    after = np.unique(np.searchsorted(times[hits], cuts))
+    after = after[(after > 0) & (after < len(hits))]
+    absent = grid.places[hits[after]] - grid.places[hits[after - 1]] - 1
+    return len(hits) / (len(hits) / grid.filled - int(absent.sum()))
 
 
 def _candidates(times: NDArray[np.int64]) -> list[float]:

@@ -173,6 +173,21 @@ def test_missing_frames_are_counted_and_change_no_period(tmp_path):
     assert found.arrivals.confidence == pytest.approx((len(kept) - 1) / (len(kept) + 1), abs=2e-3)
 
 
+def test_what_a_set_clock_moved_is_neither_missing_nor_a_change_of_period(tmp_path):
+    """A quarter of the frames is one second late: they are cut out, as never recorded."""
+    message = BusMessage("a", 0x100, 8, 10.0 * MS, "a", jitter_ns=MS, offset_ns=3 * MS)
+    entries = record([message], bitrate=500_000, seconds=4)
+    entries["t_received"][100:200] += 1000 * MS
+    bus = infer_bus(write(tmp_path / "set.blf", entries), bitrate=500_000)
+    assert any("the times step forward by 1.01" in remark for remark in bus.remarks)
+    (found,) = bus.messages
+    assert found.arrivals.kind == PERIODIC
+    assert found.arrivals.frames == len(entries) - 100
+    assert found.arrivals.missing == 0
+    assert found.arrivals.period == pytest.approx(10 * MS, rel=1e-4)
+    assert found.arrivals.jitter <= 1.1 * MS
+
+
 def test_a_node_that_starts_again_is_not_called_periodic_without_saying(tmp_path):
     first = BusMessage("a", 0x100, 8, 10.0 * MS, "a", offset_ns=0)
     entries = record([first], bitrate=500_000, seconds=2)
