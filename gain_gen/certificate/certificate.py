@@ -9,12 +9,18 @@ tick:
     the same with the commands that the event trigger withholds.
 ``n lost``
     the longest delay is longer by n ticks, so up to n commands in a row may be lost.
+``steered``
+    every tick, under steering and a bank of the road (:mod:`gain_gen.certificate.disturbed`).
+``level``, ``level with event trigger``
+    of the first condition: the mean-square gain from a held roll moment to the roll angle.
+
+Claims of the 1-DOF roll model are the papers' inequalities (:mod:`gain_gen.certificate.theorem`).
 """
 
 import hashlib
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +36,16 @@ from firmware.state import RX_VEHICLE_MOTION, Ecu
 from gain_gen.analysis.family import Member, family_of
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from gain_gen.certificate import checker
-from gain_gen.certificate.claim import prove, texts
+from gain_gen.certificate.claim import Wish, prove, prove_level, texts
+from gain_gen.certificate.disturbed import LATERAL, disturbances
+from gain_gen.certificate.theorem import applies, gamma_of, theorems
+from gain_gen.laws.rate_gain import free_peak
 from gain_gen.models.task import Task
 from vehicles import Vehicle
 
 FORMAT = "canroll certificate 1"
 INTEGERS = (
-    *("tick_us", "law", "measurements", "phi", "phi_shift", "gamma"),
+    *("tick_us", "law", "measurements", "phi", "phi_shift", "gamma", "gamma_steering"),
     *("output", "output_moment", "output_shift", "correction", "correction_shift"),
     *("feedback", "feedback_shift", "feedforward", "feedforward_shift"),
     *("output_gain", "output_gain_shift"),
@@ -51,7 +60,8 @@ MOST_LOST = 3
 """Commands lost in a row that are tried."""
 SCALING = 1e-3
 """Relative allowance for the fixed-point factors between raw signals and the ECU's units."""
-EVERY_TICK, TRIGGER = "every tick", "event trigger"
+EVERY_TICK, TRIGGER, STEERED = "every tick", "event trigger", "steered"
+LEVEL, TRIGGER_LEVEL = "level", "level with event trigger"
 ASSUMPTIONS = (
     "the car is linear: the tyres, springs and actuators of each condition stay in their linear "
     "range, and no limit of moment, slew, corner or estimate acts",
@@ -72,6 +82,10 @@ class Certificate:
         unproved: conditions in which "every tick" is not proved.
         triggered: whether every condition is proved with the event trigger; None without one.
         lost: commands in a row that may be lost in every condition.
+        steered: lateral acceleration by steering, m/s², up to which with the bank no stored value
+            saturates in any condition; zero where there is no such proof.
+        levels: proved gains by name: those of the first condition relative to the largest without
+            control, those of the roll model γ.
         note: reason why the family is the roll model alone, or empty.
     """
 
@@ -80,6 +94,8 @@ class Certificate:
     unproved: tuple[Member, ...]
     triggered: bool | None
     lost: int
+    steered: float
+    levels: Mapping[str, float]
     note: str
 
     @property
@@ -122,43 +138,68 @@ def certify(task: Task, calibration: LoadedCalibration) -> Certificate:
         "assumptions": list(ASSUMPTIONS),
         "integers": integers,
         "conditions": conditions,
+        "models": [],
     }
 
-    def claims(name: str, most: float, *, trigger: bool = False) -> Iterator[bool]:
-        for condition in conditions:
-            claim = prove(
-                integers,
-                condition,
-                name=name,
-                delay=(delay[0], most),
-                resolution=resolution,
-                trigger=trigger,
-            )
+    def claims(
+        name: str, most: float, *, trigger: bool = False, lateral: float = 0.0
+    ) -> Iterator[bool]:
+        for member, condition in zip(family.members, conditions, strict=True):
+            driven = disturbances(member, task.vehicle, lateral) if lateral else {}
+            wish = Wish(name, (delay[0], most), resolution, trigger, driven)
+            claim = prove(integers, condition, wish)
             if claim is not None:
                 condition["claims"].append(claim)
             yield claim is not None
 
+    def in_all(name: str, most: float, *, lateral: float = 0.0) -> bool:
+        """Add claims of a name to every condition, or to none."""
+        if all(claims(name, most, lateral=lateral)):
+            return True
+        for condition in conditions:
+            condition["claims"] = [c for c in condition["claims"] if c["name"] != name]
+        return False
+
     proved = list(claims(EVERY_TICK, delay[1]))
     unproved = [member for member, fine in zip(family.members, proved, strict=True) if not fine]
-    triggered = None
-    lost = 0
+    triggered, lost, steered, levels = None, 0, 0.0, dict[str, float]()
     if record.event_trigger:
         triggered = not unproved and all(list(claims(TRIGGER, delay[1], trigger=True)))
     if not unproved:
-        lost = _lost(conditions, claims, delay[1], task.tick)
+        while lost < MOST_LOST and in_all(f"{lost + 1} lost", delay[1] + (lost + 1) * task.tick):
+            lost += 1
+        proofs = (most for most in LATERAL if in_all(STEERED, delay[1], lateral=most))
+        steered = next(proofs, 0.0)
+        wish = Wish(LEVEL, delay, resolution)
+        levels = _levels(integers, conditions[0], wish, family.members[0], record)
+    if applies(record):
+        model = theorems(integers, task.vehicle.design, task.delay.most)
+        content["models"].append(model)
+        levels |= {claim["name"]: gamma_of(claim) for claim in model["claims"]}
     content["sha256"] = checker.digest(content)
-    return Certificate(content, delay, tuple(unproved), triggered, lost, family.note)
+    return Certificate(
+        content, delay, tuple(unproved), triggered, lost, steered, levels, family.note
+    )
 
 
-def _lost(conditions: Sequence[dict[str, Any]], claims: Any, most: float, tick: float) -> int:  # noqa: ANN401
-    """Add the claims of lost commands; return how many may be lost in every condition."""
-    for count in range(1, MOST_LOST + 1):
-        name = f"{count} lost"
-        if not all(claims(name, most + count * tick)):
-            for condition in conditions:
-                condition["claims"] = [c for c in condition["claims"] if c["name"] != name]
-            return count - 1
-    return MOST_LOST
+def _levels(
+    integers: Mapping[str, Any],
+    condition: dict[str, Any],
+    wish: Wish,
+    member: Member,
+    record: Calibration,
+) -> dict[str, float]:
+    """Add the level claims to the condition; return their gains."""
+    wishes = [wish]
+    if record.event_trigger:
+        wishes.append(replace(wish, name=TRIGGER_LEVEL, trigger=True))
+    found = {}
+    for each in wishes:
+        claim = prove_level(integers, condition, each)
+        if claim is not None:
+            condition["claims"].append(claim)
+            found[each.name] = math.sqrt(_float(claim["weights"][-1])) / free_peak(member)
+    return found
 
 
 def refuse_other(record: Calibration, calibration: LoadedCalibration) -> None:
@@ -181,12 +222,14 @@ def refuse_other(record: Calibration, calibration: LoadedCalibration) -> None:
 def condition_of(member: Member, record: Calibration) -> dict[str, Any]:
     """Return the data of a condition, as yet without claims."""
     plant = member.plant
+    # the reading of the steering reaches the controller alone
+    steering = plant.steering, np.zeros_like(plant.steering)
     return {
         "name": str(member.condition),
         "speed": member.condition.speed,
         "gain_factor": gain_factor(record, member.condition.speed),
         "a": texts(plant.a),
-        "b": texts(plant.command / (1 << fw.Q_MOMENT)),
+        "b": texts(np.hstack([plant.command / (1 << fw.Q_MOMENT), plant.disturbance, *steering])),
         "readings": texts(plant.measured[[0, 1, 3]]),
         "roll": texts(member.roll),
         "claims": [],

@@ -1,22 +1,28 @@
 """A claim of a certificate: found in floating point, written in rationals, then checked."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from flint import fmpq
-from scipy.linalg import eigh
 
 from gain_gen.certificate import checker
 from gain_gen.certificate.delay_curve import POINTS, Ellipsoid, ellipsoid, lacking
-from gain_gen.certificate.lyapunov import SLACK, Point, UncertainLoop, feasible
+from gain_gen.certificate.level import level_points
+from gain_gen.certificate.lyapunov import SLACK, Point, UncertainLoop, feasible, fits
 from gain_gen.models.roll import Matrix, zero_order_hold
 
 BITS = 45
 """Of the numbers that are found."""
 CELLS = 256
 """Of the curve of a delay."""
+STILL = 1e-9
+"""Multiplier of a delay that does not vary, relative to that of the command's rounding."""
+MOMENT, STEERING, READ = 0, 1, 2
+"""Inputs of a condition besides the command: roll moment on the body (N·m), steering angle (rad),
+lateral acceleration that the ECU computes from a steering angle (m/s², Q24)."""
 ROUNDED_UP = 1.0 + 1e-9
 """Factor from a proved bound to the claimed one."""
 TRIED = 12
@@ -38,65 +44,115 @@ def texts(rows: Matrix, bits: int | None = None) -> list[Any]:
     return [texts(row, bits) for row in rows]
 
 
-def prove(
-    c: Mapping[str, Any],
-    condition: Mapping[str, Any],
-    *,
-    name: str,
-    delay: Sequence[float],
-    resolution: Sequence[str],
-    trigger: bool,
-) -> dict[str, Any] | None:
-    """Return a proved claim, or None where none is found.
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a delay takes the state: an ellipsoid, without extent for one that does not vary."""
 
-    Args:
-        c: integers of the controller.
-        condition: of the certificate.
+    ellipsoid: Ellipsoid
+    varies: bool
+
+    @classmethod
+    def of(cls, curve: Matrix, *, varies: bool) -> "Place":
+        """Return the place of a curve, (points, n)."""
+        if varies:
+            return cls(ellipsoid(curve), varies=True)
+        nothing = np.zeros((curve.shape[1], 1))
+        return cls(Ellipsoid(curve[0], nothing, nothing.T), varies=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What a claim is about.
+
+    Attributes:
         name: of the claim.
         delay: least and most from the sample to the force, s.
         resolution: bounds of the roundings of readings and commands, in the ECU's units.
         trigger: commands are withheld by the event trigger.
+        disturbances: bound of each input of the condition besides the command.
     """
-    claim: dict[str, Any] = {
-        "name": name,
-        "delay": texts(np.array(delay)),
-        "resolution": list(resolution),
-        "trigger": trigger,
+
+    name: str
+    delay: tuple[float, float]
+    resolution: Sequence[str]
+    trigger: bool = False
+    disturbances: Mapping[int, float] = field(default_factory=dict)
+
+
+def prove(c: Mapping[str, Any], condition: Mapping[str, Any], wish: Wish) -> dict[str, Any] | None:
+    """Return a proved claim that bounds roll angle and command, or None where none is found.
+
+    Args:
+        c: integers of the controller.
+        condition: of the certificate.
+        wish: what is claimed.
+    """
+    return _first(c, condition, _claim(wish), _tried)
+
+
+def _tried(loop: UncertainLoop) -> list[Point]:
+    """Return the points of least roll angle among those without saturation."""
+    return [point for point in feasible(loop) if fits(loop, point)][:TRIED]
+
+
+def prove_level(
+    c: Mapping[str, Any], condition: Mapping[str, Any], wish: Wish
+) -> dict[str, Any] | None:
+    """Return a proved claim of the level from the roll moment to the roll angle, or None."""
+    claim = _claim(replace(wish, disturbances={MOMENT: 0.0})) | {"performance": True}
+    return _first(c, condition, claim, level_points)
+
+
+def _claim(wish: Wish) -> dict[str, Any]:
+    return {
+        "name": wish.name,
+        "delay": texts(np.array(wish.delay)),
+        "resolution": list(wish.resolution),
+        "trigger": wish.trigger,
+        "performance": False,
         "slack": rational(SLACK),
+        "disturbances": [
+            {"input": number, "most": rational(most)} for number, most in wish.disturbances.items()
+        ],
         "channels": [],
     }
+
+
+def _first(
+    c: Mapping[str, Any],
+    condition: Mapping[str, Any],
+    claim: dict[str, Any],
+    points: Callable[[UncertainLoop], Iterable[Point]],
+) -> dict[str, Any] | None:
+    """Return the claim with the first of the loop's points that the checker accepts."""
     tick = fmpq(c["tick_us"], 1000000)
     sampled = checker.Sampled(c, condition, claim, tick)
     places, loop = uncertain(c, condition, claim, sampled)
-    for point in feasible(loop)[:TRIED]:
-        proved = _checked(claim | _written(point, places, condition), c, condition, tick)
+    for point in points(loop):
+        proved = _checked(claim | _written(point, places), c, condition, tick)
         if proved is not None:
             return proved
     return None
 
 
-def _written(
-    point: Point, places: Sequence[Ellipsoid], condition: Mapping[str, Any]
-) -> dict[str, Any]:
+def _written(point: Point, places: Sequence[Place]) -> dict[str, Any]:
     """Return the numbers of a point as texts."""
-    a = _floats(condition["a"])
-    plant = point.p[: len(a), : len(a)]
-    growth = 0.5 * float(eigh(plant @ a + a.T @ plant, plant, eigvals_only=True)[-1])
+    delays = iter(point.delays)
+    # a delay that does not vary has a place without extent: any multiplier serves
+    still = STILL * float(point.inputs[0])
     return {
-        "cells": CELLS,
         "decay": rational(point.decay, BITS),
-        "trigger_weight": rational(point.withheld, BITS),
-        "noise_weights": texts(point.roundings, BITS),
-        "p": _symmetric(point.p),
-        "growth": rational(1.01 * max(growth, 0.0) + 1.0, BITS),
+        "weights": texts(point.inputs, BITS),
+        "p": symmetric(point.p),
         "channels": [
             {
-                "weight": rational(float(d), BITS),
-                "centre": texts(place.centre[:, None], BITS),
-                "generators": texts(place.generators, BITS),
-                "onto": texts(place.onto, BITS),
+                "weight": rational(float(next(delays)) if place.varies else still, BITS),
+                "cells": CELLS if place.varies else 1,
+                "centre": texts(place.ellipsoid.centre[:, None], BITS),
+                "generators": texts(place.ellipsoid.generators, BITS),
+                "onto": texts(place.ellipsoid.onto, BITS),
             }
-            for d, place in zip(point.delays, places, strict=True)
+            for place in places
         ],
     }
 
@@ -106,47 +162,54 @@ def uncertain(
     condition: Mapping[str, Any],
     claim: Mapping[str, Any],
     sampled: checker.Sampled,
-) -> tuple[list[Ellipsoid], UncertainLoop]:
-    """Return the ellipsoids of the delays that vary, and the loop in floating point."""
-    a, readings_roll = (_floats(condition[key]) for key in ("a", "roll"))
-    b = _floats(condition["b"])[:, 0]
-    n, tick, order = len(a), 1e-6 * c["tick_us"], sampled.order
+) -> tuple[list[Place], UncertainLoop]:
+    """Return the places of the delays, and the loop in floating point."""
+    a, readings_roll, inputs = (_floats(condition[key]) for key in ("a", "roll", "b"))
+    n, b, tick, order = len(a), inputs[:, 0], 1e-6 * c["tick_us"], len(sampled.states)
+    size = order + len(sampled.inputs)
 
     def row(form: checker.Form) -> Matrix:
-        return np.array([_float(form.get(name, 0)) for name in sampled.names[: order + 1]])
+        return np.array([_float(form.get(name, 0)) for name in sampled.names[:size]])
 
     sent = row(sampled.sent)
-    after = np.zeros((order, order + 1))
-    after[:n, :n] = zero_order_hold(a, b[:, None], tick)[0]
+    after = np.zeros((order, size))
+    after[:n, :n], held = zero_order_hold(a, inputs, tick)
+    for column, each in enumerate(claim["disturbances"], size - len(claim["disturbances"])):
+        after[:n, column] = held[:, 1 + each["input"]]
     after[:n] += np.outer(lacking(a, b, tick, np.array([tick]))[0], sent)
-    places, jumps = [], []
+    places, jumps = list[Place](), []
     for ends, form in zip(sampled.ends, sampled.jumps, strict=True):
         jump = row(form)
         instants = np.linspace(_float(ends[0]), _float(ends[1]), POINTS)
         curve = lacking(a, b, tick, instants)
-        if ends[0] == ends[1]:
-            after[:n] += np.outer(curve[0], jump)
-            continue
-        places.append(ellipsoid(curve))
-        after[:n] += np.outer(places[-1].centre, jump)
-        jumps.append(jump)
+        places.append(Place.of(curve, varies=ends[0] < ends[1]))
+        after[:n] += np.outer(places[-1].ellipsoid.centre, jump)
+        if places[-1].varies:
+            jumps.append(jump)
     after[n:] = [row(form) for form in sampled.shifted]
     share = c["trigger_epsilon_squared"] / 2.0**20 if claim["trigger"] else 0.0
     more, extra = _float(checker.MORE), _float(sampled.extra)
     if claim["trigger"]:
         extra += checker.COARSE
         floor = np.sqrt((1.0 + more) * c["trigger_floor"] ** 2 + (1.0 + 1.0 / more) * extra**2)
+    bounds = [float(floor) if claim["trigger"] else extra]
+    bounds += [_float(form.rounding()) for form in sampled.inner]
+    bounds += [float(Fraction(each["most"])) for each in claim["disturbances"]]
+    limits = {
+        ("d", each["input"]): fmpq(*map(int, each["most"].split("/")))
+        for each in claim["disturbances"]
+    }
+    varying = [place.ellipsoid.generators for place in places if place.varies]
     return places, UncertainLoop(
         a=after[:, :order],
-        withheld=after[:, order],
-        places=tuple(
-            np.vstack([e.generators, np.zeros((order - n, e.generators.shape[1]))]) for e in places
-        ),
-        jumps=np.array(jumps).reshape(len(jumps), order + 1),
+        inputs=after[:, order:],
+        bounds=np.array(bounds),
+        places=tuple(np.vstack([g, np.zeros((order - n, g.shape[1]))]) for g in varying),
+        jumps=np.array(jumps).reshape(len(jumps), size),
         sent=sent,
         share=share * (1.0 + more),
-        floor=float(floor) if claim["trigger"] else extra,
-        roundings=np.array([_float(form.rounding()) for form in sampled.inner]),
+        stored=np.array([row(form)[:order] for form in sampled.stored]) / checker.LIMIT,
+        spread=np.array([_float(form.rounding(limits)) for form in sampled.stored]) / checker.LIMIT,
         roll=np.concatenate([readings_roll, np.zeros(order - n)]),
     )
 
@@ -164,7 +227,8 @@ def _checked(
     }
 
 
-def _symmetric(p: Matrix) -> list[list[str]]:
+def symmetric(p: Matrix) -> list[list[str]]:
+    """Return a symmetric matrix of such numbers."""
     lower = texts(p, BITS)
     return [[lower[max(i, j)][min(i, j)] for j in range(len(p))] for i in range(len(p))]
 

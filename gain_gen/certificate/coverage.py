@@ -1,12 +1,14 @@
 """What can be said where a loop is not proved: the delays it is proved for, and the worst ones."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gain_gen.analysis.family import Member
+from gain_gen.analysis.sampled_loop import spectral_radius
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from gain_gen.calibration.dequantise import dequantise
 from gain_gen.certificate.certificate import EVERY_TICK, INTEGERS, condition_of, resolutions
-from gain_gen.certificate.claim import prove
+from gain_gen.certificate.claim import Wish, prove
 from gain_gen.certificate.delay_sequence import DelaySequence, closest, simulate
 from gain_gen.models.task import Task
 
@@ -26,7 +28,7 @@ class Shortfall:
         most: with the least delay of the task up to this one it is proved, without the sensor's
             low-pass, s; None where not even the least delay alone is.
         sequence: periodic sequence of delays of largest growth among those tried.
-        simulated: largest roll angle in the first and in the last of :data:`SECONDS` seconds under
+        simulated: largest roll angle in the third and in the last of :data:`SECONDS` seconds under
             it, relative to that at the start.
     """
 
@@ -41,6 +43,18 @@ class Shortfall:
         return self.sequence.radius >= 1.0
 
 
+def least_stable(
+    members: Sequence[Member], calibration: LoadedCalibration, delay: float
+) -> list[Member]:
+    """Return members, the one nearest to instability under a constant delay (s) first."""
+    controller = dequantise(calibration.record)
+
+    def radius(member: Member) -> float:
+        return spectral_radius(member.loop(controller, delay))
+
+    return sorted(members, key=radius, reverse=True)
+
+
 def shortfall(
     member: Member, task: Task, calibration: LoadedCalibration, delay: tuple[float, float]
 ) -> Shortfall:
@@ -50,7 +64,8 @@ def shortfall(
     ticks = round(SECONDS / task.tick)
     angles = abs(simulate(member, controller, sequence.delays, roll=ROLL, ticks=ticks)) / ROLL
     second = round(1.0 / task.tick)
-    simulated = (float(angles[:second].max()), float(angles[-second:].max()))
+    third = angles[2 * second : 3 * second]  # what decays quickly has gone
+    simulated = (float(third.max()), float(angles[-second:].max()))
     return Shortfall(member, _longest(member, task, calibration, delay), sequence, simulated)
 
 
@@ -63,15 +78,8 @@ def _longest(
     resolution = resolutions(task.vehicle, calibration.record)
 
     def holds(most: float) -> bool:
-        claim = prove(
-            integers,
-            condition,
-            name=EVERY_TICK,
-            delay=(delay[0], most),
-            resolution=resolution,
-            trigger=False,
-        )
-        return claim is not None
+        wish = Wish(EVERY_TICK, (delay[0], most), resolution)
+        return prove(integers, condition, wish) is not None
 
     low, high = delay
     if not holds(low):

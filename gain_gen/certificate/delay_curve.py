@@ -23,7 +23,12 @@ def lacking(a: Matrix, b: Matrix, tick: float, instants: Matrix) -> Matrix:
     def held(seconds: float) -> Matrix:
         return zero_order_hold(a, b[:, None], seconds)[1][:, 0]
 
-    return np.array([held(tick) - held(tick - s) for s in instants])
+    # a state that no command reaches would be rounding noise, of which an ellipsoid makes a size
+    reached = b != 0.0
+    for _ in b:
+        reached = reached | ((a != 0.0) @ reached)
+    curve: Matrix = np.array([held(tick) - held(tick - s) for s in instants]) * reached
+    return curve
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ from scipy.linalg import solve_discrete_are
 from scipy.optimize import minimize
 
 from gain_gen.models.roll import Matrix, stationary_covariance
+from gain_gen.models.state_space import Complex
 
 SLACK = 3e-5
 """Relative room in x'Px for what leaves the ellipsoids of the delays."""
@@ -42,29 +43,31 @@ FREQUENCIES = 80
 class UncertainLoop:
     """The sampled loop with its inputs; commands in N·m, Q14, roundings in the ECU's units.
 
-    x⁺ = A x + B e + Σ G_j w_j + n with |w_j| ≤ |v_j|, v = V [x, e], and the command s = S [x, e]
-    is sent.
+    x⁺ = A x + B i + Σ G_j w_j with |w_j| ≤ |v_j|, v = V [x, i], and the command s = S [x, i] is
+    sent. The first input e is withheld of the command; then come roundings and disturbances.
 
     Attributes:
         a: with every delay at the centre of its ellipsoid, (n, n).
-        withheld: B, (n,).
+        inputs: B, (n, m).
+        bounds: of the inputs; e is besides at most a share of the command, (m,).
         places: G_j for each delay that varies, (n, r).
-        jumps: V, (delays, n + 1).
-        sent: S, (n + 1,).
+        jumps: V, (delays, n + m).
+        sent: S, (n + m,).
         share: square of the trigger's relative threshold, or zero without a trigger.
-        floor: largest e besides that.
-        roundings: largest n of the last states, (m,).
+        stored: rows of the values that the code stores, relative to their limit, (k, n).
+        spread: largest part of them by roundings and disturbances themselves, (k,).
         roll: row of the roll angle, (n,).
     """
 
     a: Matrix
-    withheld: Matrix
+    inputs: Matrix
+    bounds: Matrix
     places: tuple[Matrix, ...]
     jumps: Matrix
     sent: Matrix
     share: float
-    floor: float
-    roundings: Matrix
+    stored: Matrix
+    spread: Matrix
     roll: Matrix
 
     @property
@@ -80,18 +83,25 @@ class Point:
     Attributes:
         p: (n, n), of the ellipsoid x'Px ≤ 1.
         decay: of x'Px in a tick.
-        delays: multiplier of each delay.
-        withheld: that of e.
-        roundings: those of the roundings.
+        delays: multiplier of each delay that varies.
+        inputs: those of the inputs.
         roll: largest roll angle in the ellipsoid, rad.
+        w: P⁻¹.
     """
 
     p: Matrix
     decay: float
     delays: Matrix
-    withheld: float
-    roundings: Matrix
+    inputs: Matrix
     roll: float
+    w: Matrix
+
+
+def fits(loop: UncertainLoop, point: Point) -> bool:
+    """Whether no stored value reaches its limit in the ellipsoid in which the states end."""
+    level = np.sqrt(point.inputs @ loop.bounds**2 / (1.0 - point.decay))
+    reach = np.sqrt(np.einsum("ij,jk,ik->i", loop.stored, point.w, loop.stored))
+    return bool(np.all(level * reach + loop.spread < 1.0))
 
 
 def feasible(loop: UncertainLoop) -> list[Point]:
@@ -114,13 +124,11 @@ def _scales(loop: UncertainLoop) -> Matrix:
     Relative to that of the trigger, or to the first where there is none: constant scales D of the
     structured gain (Packard and Doyle 1993), on a grid of frequencies.
     """
-    n = len(loop.a)
-    b = np.hstack([loop.withheld[:, None], *loop.places])
+    b = np.hstack([loop.inputs[:, :1], *loop.places])
     c = np.vstack([np.sqrt(loop.share) * loop.sent, loop.jumps])
     of = [0, *(j + 1 for j, g in enumerate(loop.places) for _ in g.T)]
-    z = np.exp(1j * np.geomspace(1e-3, np.pi, FREQUENCIES))
-    response = c[:, :n] @ np.linalg.solve(z[:, None, None] * np.eye(n) - loop.a, b.astype(complex))
-    response[:, :, 0] += c[:, n]
+    response = responses(loop.a, b, c[:, : len(loop.a)])
+    response[:, :, 0] += c[:, len(loop.a)]
     if not loop.share:
         response, of = response[:, 1:, 1:], [j - 1 for j in of[1:]]
 
@@ -133,12 +141,17 @@ def _scales(loop: UncertainLoop) -> Matrix:
     return np.asarray(np.exp(2.0 * least.x) if loop.share else np.exp(2.0 * np.r_[0.0, least.x]))
 
 
+def responses(a: Matrix, b: Matrix, c: Matrix) -> Complex:
+    """Return C (z − A)⁻¹ B on a grid of frequencies, (frequencies, outputs, inputs)."""
+    z = np.exp(1j * np.geomspace(1e-3, np.pi, FREQUENCIES))[:, None, None]
+    return np.asarray(c @ np.linalg.solve(z * np.eye(len(a)) - a, b.astype(complex)))
+
+
 @dataclass(frozen=True, slots=True)
 class _Nominal:
     """The ellipsoid of a decay with the delays at their centres.
 
-    ``weights`` are the multipliers of e and the roundings, ``covariance`` its W, ``sizes`` of the
-    states.
+    ``weights`` are the multipliers of the inputs, ``covariance`` its W, ``sizes`` of the states.
     """
 
     decay: float
@@ -149,18 +162,16 @@ class _Nominal:
 
 def _nominal(loop: UncertainLoop, decay: float) -> _Nominal:
     """Share the level out so that the sum of the inputs' ellipsoids has the least roll angle."""
-    n, noisy = len(loop.a), len(loop.roundings)
     a = loop.a / np.sqrt(decay)
-    inputs = np.zeros((n, 1 + noisy))
-    inputs[:, 0] = loop.floor * loop.withheld
-    inputs[n - noisy :, 1:] = np.diag(loop.roundings)
-    alone = [stationary_covariance(a, np.outer(column, column)) for column in inputs.T]
+    driven = loop.inputs * loop.bounds
+    alone = [stationary_covariance(a, np.outer(column, column)) for column in driven.T]
     reach = np.sqrt([max(float(loop.roll @ w @ loop.roll), 0.0) for w in alone])
     granted = np.maximum(reach / reach.sum(), GRANTED)
     if loop.share:
-        granted[0] = granted[1:].sum() * OF_TRIGGER / (1.0 - OF_TRIGGER) if noisy else 1.0
+        rest = granted[1:].sum()
+        granted[0] = rest * OF_TRIGGER / (1.0 - OF_TRIGGER) if rest else 1.0
     granted /= granted.sum()
-    weights = (1.0 - decay) * granted / np.r_[loop.floor, loop.roundings] ** 2
+    weights = (1.0 - decay) * granted / loop.bounds**2
     covariance = np.sum(
         [w / ((1.0 - decay) * g) for w, g in zip(alone, granted, strict=True)], axis=0
     )
@@ -171,25 +182,51 @@ def _nominal(loop: UncertainLoop, decay: float) -> _Nominal:
 def _point(
     loop: UncertainLoop, nominal: _Nominal, energy: float, scales: Matrix | None = None
 ) -> Point | None:
-    n, noisy = len(loop.a), len(loop.roundings)
-    decay, weights, sizes = nominal.decay, nominal.weights, nominal.sizes
+    n, weights = len(loop.a), nominal.weights
     jumps = np.einsum("ij,jk,ik->i", loop.jumps[:, :n], nominal.covariance, loop.jumps[:, :n])
-    delays = energy / (jumps + (loop.floor * loop.jumps[:, n]) ** 2)
+    delays = energy / (jumps + (loop.jumps[:, n:] ** 2 @ loop.bounds**2))
     if scales is not None:
         delays = scales * (weights[0] if loop.share else delays.mean() / scales.mean())
+    return solved(loop, nominal.decay, delays, weights, nominal.sizes)
+
+
+def solved(
+    loop: UncertainLoop,
+    decay: float,
+    delays: Matrix,
+    weights: Matrix,
+    sizes: Matrix,
+    *,
+    performance: float = 0.0,
+) -> Point | None:
+    """Return the point of the least ellipsoid for given multipliers, or None.
+
+    Args:
+        loop: of the inequality.
+        decay: of x'Px in a tick.
+        delays: multipliers of the delays that vary.
+        weights: multipliers of the inputs.
+        sizes: of the states.
+        performance: factor on the square of the roll angle that x'Px loses besides.
+    """
+    n = len(loop.a)
     b = np.hstack(
         [
-            loop.withheld[:, None] / np.sqrt(weights[0]),
+            loop.inputs / np.sqrt(weights),
             *(g / np.sqrt(d) for g, d in zip(loop.places, delays, strict=True)),
-            np.eye(n)[:, n - noisy :] / np.sqrt(weights[1:]),
         ]
     )
     b = b * np.sqrt(1.0 + 2.0 * SLACK) / sizes[:, None]
+    roll = np.concatenate([loop.roll, np.zeros(len(weights))])
     c = np.vstack(
-        [np.sqrt(ROOM * delays)[:, None] * loop.jumps, np.sqrt(weights[0] * loop.share) * loop.sent]
+        [
+            np.sqrt(ROOM * delays)[:, None] * loop.jumps,
+            np.sqrt(weights[0] * loop.share) * loop.sent,
+            np.sqrt(performance) * roll,
+        ]
     )
     d = np.zeros((len(c), b.shape[1]))
-    d[:, 0] = c[:, n] / np.sqrt(weights[0])
+    d[:, : len(weights)] = c[:, n:] / np.sqrt(weights)
     c = c[:, :n] * sizes / np.sqrt(decay)
     a = loop.a * np.sqrt((1.0 + 2.0 * SLACK) / decay) * sizes / sizes[:, None]
     driven = b @ b.T + CLEARANCE * np.eye(n)
@@ -203,5 +240,5 @@ def _point(
     if not np.linalg.eigvalsh(w)[0] > 0.0:
         return None
     p = 0.5 * (p + p.T) / np.outer(sizes, sizes)
-    roll = float(np.sqrt((loop.roll * sizes) @ w @ (loop.roll * sizes)))
-    return Point(p, decay, delays, float(weights[0]), weights[1:], roll)
+    reach = float(np.sqrt((loop.roll * sizes) @ w @ (loop.roll * sizes)))
+    return Point(p, decay, delays, weights, reach, w * np.outer(sizes, sizes))

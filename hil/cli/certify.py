@@ -28,7 +28,17 @@ if TYPE_CHECKING:
 
 NAME = "certificate.json"
 MOST = 3
-"""Conditions without a proof that are looked into."""
+"""Conditions without a proof that are looked into, those nearest to instability."""
+LEVELS = {
+    "level": "roll angle by a roll moment on the body, mean square, relative to the largest "
+    "without control, nominal car: at most",
+    "level with event trigger": "the same with the event trigger: at most",
+    "level without delay": "the papers' inequalities on the 1-DOF roll model, at the stored gain, "
+    "from [a_y, bank, disturbance] to roll + roll rate: without delay γ ≤",
+    "level with delay": "the same with every delay up to the longest: γ ≤",
+    "level with delay and event trigger": "the same with the event trigger's relative threshold: "
+    "γ ≤",
+}
 SIMULATED = (
     "limits of moment, slew and corners, tyres beyond their linear range, faults, and lost frames "
     "of the sensors: they remain simulation"
@@ -40,14 +50,13 @@ def run(args: argparse.Namespace) -> int:
     optional("flint", "canroll certify", "certify")
     from gain_gen.certificate import checker  # noqa: PLC0415 - need the extra
     from gain_gen.certificate.certificate import certify  # noqa: PLC0415
-    from gain_gen.certificate.coverage import shortfall  # noqa: PLC0415
+    from gain_gen.certificate.coverage import least_stable, shortfall  # noqa: PLC0415
 
     calibration = calibration_file.load(args.calibration)
     task = _task(args, calibration)
     found = certify(task, calibration)
-    missing = [
-        shortfall(member, task, calibration, found.delay) for member in found.unproved[:MOST]
-    ]
+    worst = least_stable(found.unproved, calibration, task.delay.most)[:MOST]
+    missing = [shortfall(member, task, calibration, found.delay) for member in worst]
     text = json.dumps(found.content, indent=1, ensure_ascii=False)
     path = None if args.json and args.out is None else args.out
     if path is None and not args.json:
@@ -96,6 +105,7 @@ def lines(
     conditions = len(found.content["conditions"])
     extent = f"{1e3 * task.delay.least:.4g} to {1e3 * task.delay.most:.4g} ms"
     loop = f"{calibration.law} for {task.vehicle.reference}"
+    limit = calibration.record.moment_max / (1 << Q_MOMENT)
     if not found.proved:
         yield (
             f"NOT PROVED: {loop}, delays of {extent} from sample to force: no proof in "
@@ -115,14 +125,42 @@ def lines(
             f"{_up(roll, 4)}° and the command within {_up(moment, 1)} N·m at the ticks"
         )
         if found.triggered is not None:
-            yield _trigger(found, conditions, calibration.record.moment_max / (1 << Q_MOMENT))
+            yield _trigger(found, conditions, limit)
         lost = f"up to {found.lost} commands in a row" if found.lost else "no command"
         yield f"it stays proved where {lost} may be lost again and again"
+        yield _steered(found, limit)
+    yield from _levels(found)
     if found.note:
         yield f"warning: the only condition is the 1-DOF roll model: {found.note}"
     for sentence in found.content["assumptions"]:
         yield f"assumed: {sentence}"
     yield f"not proved: {SIMULATED}"
+
+
+def _steered(found: "Certificate", limit: float) -> str:
+    if not found.steered:
+        return "no proof that values of the code do not saturate in curves and on a bank"
+    from gain_gen.certificate.disturbed import BANK  # noqa: PLC0415 - needs the extra
+
+    roll, moment = found.worst("steered")
+    text = (
+        f"no value that the code stores saturates with steering of up to {found.steered:g} m/s² at "
+        f"any rate on a bank of up to {100.0 * BANK:.0f} %: the roll angle stays within {_up(roll, 2)}° and "
+        f"the command within {_up(moment, 0)} N·m"
+    )
+    return text + _beyond(moment, limit)
+
+
+def _levels(found: "Certificate") -> Iterator[str]:
+    for name, words in LEVELS.items():
+        if name in found.levels:
+            yield f"{words} {_up(found.levels[name], 4)}"
+
+
+def _beyond(moment: float, limit: float) -> str:
+    if moment <= limit:
+        return ""
+    return f", which is beyond the limit of {limit:.0f} N·m and so assumes a stronger actuator"
 
 
 def _trigger(found: "Certificate", conditions: int, limit: float) -> str:
@@ -144,9 +182,7 @@ def _trigger(found: "Certificate", conditions: int, limit: float) -> str:
     )
     if not found.triggered:
         text += "; design with --trigger every for a loop that is proved in all"
-    if moment > limit:
-        text += f", which is beyond the limit of {limit:.0f} N·m and so assumes a stronger actuator"
-    return text
+    return text + _beyond(moment, limit)
 
 
 def _short(short: "Shortfall") -> Iterator[str]:
@@ -155,8 +191,8 @@ def _short(short: "Shortfall") -> Iterator[str]:
     verdict = "unstable" if short.unstable else "closest to instability, though it decays"
     yield (
         f"  {short.member.condition}: {verdict} with delays of {delays} ms again and again: a "
-        f"factor of {short.sequence.radius:.5f} a tick; simulated, a roll angle of 1° reaches "
-        f"{short.simulated[0]:.3g}° in the first second and {short.simulated[1]:.3g}° in the fifth"
+        f"factor of {short.sequence.radius:.5f} a tick; simulated, a roll angle of 1° leaves up to "
+        f"{short.simulated[0]:.3g}° in the third second and {short.simulated[1]:.3g}° in the fifth"
     )
     if short.most is not None:
         yield f"  proved there up to {1e3 * (short.most + filtered):.4g} ms"
@@ -181,6 +217,8 @@ def to_json(
         "moment_rounding_nm": moment,
         "trigger_proved": found.triggered,
         "commands_lost": found.lost,
+        "steered_m_s2": found.steered,
+        "levels": dict(found.levels),
         "conditions": [
             {
                 "name": condition["name"],

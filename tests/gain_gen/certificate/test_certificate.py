@@ -2,6 +2,7 @@
 
 import copy
 import math
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -17,16 +18,22 @@ from gain_gen.analysis.family import family_of
 from gain_gen.analysis.sampled_loop import spectral_radius
 from gain_gen.calibration.dequantise import dequantise
 from gain_gen.calibration.rounding_error import integer_loop
-from gain_gen.certificate import checker
+from gain_gen.certificate import certificate, checker
 from gain_gen.certificate.certificate import (
     EVERY_TICK,
     INTEGERS,
+    LEVEL,
+    STEERED,
+    TRIGGER,
+    TRIGGER_LEVEL,
     certify,
     condition_of,
     resolutions,
 )
-from gain_gen.certificate.claim import prove, texts, uncertain
+from gain_gen.certificate.claim import Wish, prove, texts, uncertain
+from gain_gen.certificate.coverage import shortfall
 from gain_gen.certificate.delay_sequence import simulate
+from gain_gen.laws.roll_rate_feedback import exact_gamma, open_loop_gamma
 from gain_gen.margin_report import task_of
 
 LAWS = ("steering_lead", "lqr", "hinf_delay")
@@ -49,14 +56,8 @@ def proved(request, calibrated):
     """Calibration and proved claim of the nominal condition."""
     calibration = calibrated(request.param)
     task, member, integers = parts(calibration)
-    claim = prove(
-        integers,
-        condition_of(member, calibration.record),
-        name=EVERY_TICK,
-        delay=bounds(task, member),
-        resolution=resolutions(task.vehicle, calibration.record),
-        trigger=False,
-    )
+    wish = Wish(EVERY_TICK, bounds(task, member), resolutions(task.vehicle, calibration.record))
+    claim = prove(integers, condition_of(member, calibration.record), wish)
     assert claim is not None
     return calibration, claim
 
@@ -75,7 +76,10 @@ def test_the_loop_of_the_integers_is_that_of_the_margins(law, predicted, calibra
             "delay": texts(np.array([delay - member.filtered] * 2)),
             "resolution": ["0"] * 5,
             "trigger": False,
-            "channels": [],
+            "disturbances": [],
+            "channels": [
+                {"generators": [["0"]], "onto": [["0"]]} for _ in range(math.ceil(delay / 0.01))
+            ],
         }
         sampled = checker.Sampled(integers, condition, claim, fmpq(1, 100))
         _, loop = uncertain(integers, condition, claim, sampled)
@@ -98,56 +102,106 @@ def test_random_delays_decay_at_least_as_proved(proved):
         assert late <= 2.0 * early * rate**350 + 1e-15
 
 
-def test_the_integer_code_stays_within_the_proved_bounds(proved):
-    """The firmware's own stages on the car, with the resolutions of the bus and random delays."""
-    calibration, claim = proved
-    task, member, _ = parts(calibration)
-    car, tick = member.plant, task.tick
+def driven(calibration, member, delay_of, *, ticks, roll=0.0, off=None, push=None):
+    """Return roll angles and moments of the firmware's own stages on the car, tick by tick.
+
+    Integrated by matrix exponentials from one command's effect to the next. ``delay_of`` gives the
+    delay of a tick's command, ``off`` the error of the readings, ``push`` what else acts on the
+    states.
+    """
+    car, tick = member.plant, 1e-6 * calibration.record.tick_us
     n = len(car.a)
-    block = np.zeros((n + 1, n + 1))
+    block = np.zeros((n + 2, n + 2))
     block[:n, :n], block[:n, n] = car.a, car.command[:, 0]
     advance = integer_loop(calibration.record)
-    steps = np.array([math.radians(0.005), 0.00125, 1.0, 0.5])
-    draw = np.random.default_rng(3)
-    x, acting, under_way, last = np.zeros(n), 0.0, [], -math.inf
+    x = roll * member.roll / float(member.roll @ member.roll)
+    acting, under_way, last = 0.0, [], -math.inf
     angles, moments = [], []
-    for k in range(1500):
+    for k in range(ticks):
+        if push is not None:
+            block[:n, n + 1] = push(k)
         y = car.measured @ x
-        # the adversary of the proof may round either way: a reading is off by half a step
-        off = steps * np.sign(np.sin(0.05 * k)) * 0.499
-        y = np.where([True, True, False, True], y + off, y)
+        if off is not None:
+            y = y + off(k)
         u = advance(y)
         moments.append(u)
         angles.append(float(member.roll @ x))
-        last = max(last, k * tick + draw.uniform(*bounds(task, member)))
+        last = max(last, k * tick + delay_of(k))
         under_way.append((last, round(4.0 * u) / 4.0))
         now, end = k * tick, (k + 1) * tick
         while under_way and under_way[0][0] < end:
             at, command = under_way.pop(0)
             at = max(at, now)
-            x = (expm(block * (at - now)) @ np.append(x, acting))[:n]
+            x = (expm(block * (at - now)) @ np.append(x, [acting, 1.0]))[:n]
             now, acting = at, command
-        x = (expm(block * (end - now)) @ np.append(x, acting))[:n]
+        x = (expm(block * (end - now)) @ np.append(x, [acting, 1.0]))[:n]
+    return np.abs(angles), np.abs(moments)
+
+
+def test_the_integer_code_stays_within_the_proved_bounds(proved):
+    """The firmware's own stages on the car, with the resolutions of the bus and random delays."""
+    calibration, claim = proved
+    task, member, _ = parts(calibration)
+    steps = np.array([math.radians(0.005), 0.00125, 0.0, 0.5])
+    draw = np.random.default_rng(3)
+    angles, moments = driven(
+        calibration,
+        member,
+        lambda _: draw.uniform(*bounds(task, member)),
+        ticks=1500,
+        # the adversary of the proof may round either way: a reading is off by half a step
+        off=lambda k: steps * np.sign(np.sin(0.05 * k)) * 0.499,
+    )
     roll, moment = float(Fraction(claim["roll_rad"])), float(Fraction(claim["moment_nm"]))
-    assert 0.02 * roll < np.abs(angles).max() <= roll
-    assert 0.02 * moment < np.abs(moments).max() <= moment
+    assert 0.02 * roll < angles.max() <= roll
+    assert 0.02 * moment < moments.max() <= moment
     assert math.degrees(roll) < 0.05
+
+
+@pytest.mark.slow
+def test_one_bit_of_the_gain_decides(calibrated, monkeypatch):
+    """Half as loud as a law just beyond stability is proved; that one is refused, and grows."""
+    stable = copy.deepcopy(calibrated("hinf_delay"))
+    gain = stable.record.output_gain
+    # three times the gain are unstable, half of that is one bit of the shift
+    stable.record.output_gain = [3 * gain[0] // 4, 0, 0]
+    stable.record.output_gain_shift -= 1
+    unstable = copy.deepcopy(stable)
+    unstable.record.output_gain_shift -= 1
+    task = task_of(stable)
+    family = family_of(task)
+    member = family.members[3]
+    monkeypatch.setattr(certificate, "family_of", lambda _: replace(family, members=(member,)))
+
+    assert certify(task, stable).proved
+
+    refused = certify(task, unstable)
+    assert refused.unproved == (member,)
+    short = shortfall(member, task, unstable, refused.delay)
+    assert short.unstable
+    assert 1.0 < short.sequence.radius < 1.005
+    assert short.most is not None
+    assert short.most < refused.delay[1]
+    delays = short.sequence.delays
+    for calibration, grows in ((unstable, True), (stable, False)):
+        angles, _ = driven(
+            calibration, member, lambda k: delays[k % len(delays)], ticks=400, roll=0.01
+        )
+        growth = (angles[300:].max() / angles[100:200].max()) ** (1.0 / 200.0)
+        assert (growth > 1.0) == grows
+        if grows:
+            assert growth == pytest.approx(short.sequence.radius, rel=2e-4)
 
 
 def test_a_gain_that_destabilises_is_not_proved(calibrated):
     calibration = calibrated("hinf_delay")
     task, member, integers = parts(calibration)
     condition = condition_of(member, calibration.record)
-    given = {
-        "name": EVERY_TICK,
-        "delay": bounds(task, member),
-        "resolution": resolutions(task.vehicle, calibration.record),
-        "trigger": False,
-    }
-    assert prove(integers, condition, **given) is not None
+    wish = Wish(EVERY_TICK, bounds(task, member), resolutions(task.vehicle, calibration.record))
+    assert prove(integers, condition, wish) is not None
     # three bits more: eight times the gain
     shifted = integers | {"output_gain_shift": integers["output_gain_shift"] - 3}
-    assert prove(shifted, condition, **given) is None
+    assert prove(shifted, condition, wish) is None
 
 
 def test_another_loop_is_refused(calibrated):
@@ -170,8 +224,55 @@ def test_lost_commands_and_trigger_are_claims(certified):
     assert found.proved
     assert found.triggered
     assert found.lost >= 1
-    names = {claim["name"] for c in found.content["conditions"] for claim in c["claims"]}
-    assert names == {EVERY_TICK, "event trigger"} | {f"{n + 1} lost" for n in range(found.lost)}
+    for condition in found.content["conditions"]:
+        names = {claim["name"] for claim in condition["claims"]}
+        lost = {f"{n + 1} lost" for n in range(found.lost)}
+        assert {EVERY_TICK, TRIGGER, STEERED} | lost <= names
     roll, moment = found.worst(EVERY_TICK)
     assert roll < found.worst("event trigger")[0] < 5.0
     assert moment < found.worst("event trigger")[1]
+
+
+def test_the_levels_are_near_those_of_the_design(certified, calibrated):
+    """Against the solver's level of the design, and the exact level of a constant delay."""
+    calibration = calibrated("hinf_delay")
+    designed = calibration.tables["margins"]["certified_peak_ratio"]
+    assert designed < certified.levels[LEVEL] < 1.1 * designed
+    assert certified.levels[LEVEL] <= certified.levels[TRIGGER_LEVEL]
+
+    model, record = calibration.vehicle.design, calibration.record
+    gain = record.output_gain[0] * 2.0 ** (13 - record.output_gain_shift)
+    for name, delay in (
+        ("level without delay", 0.0),
+        ("level with delay", task_of(calibration).delay.most),
+    ):
+        exact = exact_gamma(model, gain, delay)
+        assert exact < certified.levels[name] < 1.1 * exact
+    assert (
+        certified.levels["level with delay"]
+        < certified.levels["level with delay and event trigger"]
+        < open_loop_gamma(model)
+    )
+
+
+def test_steering_drives_no_stored_value_beyond_its_limit(certified, calibrated):
+    """The firmware's own stages on the car under the worst square waves of the steering."""
+    calibration = calibrated("hinf_delay")
+    task, member, _ = parts(calibration)
+    condition = certified.content["conditions"][0]
+    claim = next(claim for claim in condition["claims"] if claim["name"] == STEERED)
+    most = {each["input"]: float(Fraction(each["most"])) for each in claim["disturbances"]}
+    roll, moment = float(Fraction(claim["roll_rad"])), float(Fraction(claim["moment_nm"]))
+    assert certified.steered >= 1.0
+    car = member.plant
+    push = car.disturbance[:, 0] * most[0] + car.steering[:, 0] * most[1]
+    for half in (30, 50, 100):
+        angles, moments = driven(
+            calibration,
+            member,
+            lambda _: task.delay.most - member.filtered,
+            ticks=400,
+            push=lambda k, half=half: push * (-1) ** (k // half),
+        )
+        assert 0.1 * roll < angles.max() <= roll
+        assert 0.1 * moment < moments.max() <= moment

@@ -23,14 +23,14 @@ MUTATIONS = 200
 
 @pytest.fixture(scope="module")
 def certificate(certified):
-    """Two conditions, each with two claims."""
+    """Two conditions, each with two claims, the first with its level, and the roll model's."""
     content = json.loads(json.dumps(certified.content))
+    names = ("every tick", "event trigger", "level")
     for condition in content["conditions"]:
-        condition["claims"] = condition["claims"][:2]
-    assert [c["name"] for c in content["conditions"][0]["claims"]] == [
-        "every tick",
-        "event trigger",
-    ]
+        claims = [claim for claim in condition["claims"] if claim["name"] in names]
+        condition["claims"] = sorted(claims, key=lambda claim: names.index(claim["name"]))
+    assert [c["name"] for c in content["conditions"][0]["claims"]] == list(names)
+    assert len(content["models"][0]["claims"]) == 3
     return signed(content)
 
 
@@ -123,6 +123,8 @@ def test_no_changed_number_passes(certificate):
 
 CLAIM = ("conditions", 1, "claims", 0)
 TRIGGER = ("conditions", 1, "claims", 1)
+LEVEL = ("conditions", 0, "claims", 2)
+THEOREM = ("models", 0, "claims", 1)
 
 
 def less(value):
@@ -143,12 +145,24 @@ def negated(value):
         ((*CLAIM, "decay"), lambda _: "1/2"),
         ((*CLAIM, "decay"), lambda _: "1"),
         ((*CLAIM, "slack"), lambda _: "0"),
-        ((*CLAIM, "growth"), lambda _: "0"),
-        ((*CLAIM, "growth"), negated),
-        ((*CLAIM, "cells"), lambda _: 2),
-        ((*CLAIM, "cells"), lambda _: 0),
+        ((*CLAIM, "channels", 1, "cells"), lambda _: 2),
+        ((*CLAIM, "channels", 1, "cells"), lambda _: 0),
+        ((*CLAIM, "channels", 1, "cells"), lambda _: -1),
+        ((*CLAIM, "weights", 0), lambda value: str(Fraction(value) / 10**6)),
+        ((*CLAIM, "weights"), lambda weights: [*weights, weights[0]]),
+        ((*LEVEL, "weights", -1), less),
+        ((*LEVEL, "weights", -1), negated),
+        ((*THEOREM, "gamma_squared"), less),
+        ((*THEOREM, "gamma_squared"), negated),
+        ((*THEOREM, "p", 0, 0), negated),
+        ((*THEOREM, "r"), negated),
+        ((*THEOREM, "r"), lambda _: "0"),
+        ((*THEOREM, "omega"), lambda _: "0"),
+        ((*THEOREM, "delay"), lambda _: "1"),
+        (("models", 0, "flow", 1, 1), lambda _: "1"),
+        (("models", 0, "performance", 0), lambda _: "9"),
         ((*CLAIM, "trigger"), lambda _: True),
-        ((*CLAIM, "trigger_weight"), negated),
+        ((*CLAIM, "weights", 0), negated),
         ((*CLAIM, "delay", 1), lambda _: "1/5"),
         ((*CLAIM, "delay", 1), lambda _: "1/400"),
         ((*CLAIM, "delay", 0), lambda _: "-1/1000"),
@@ -159,11 +173,11 @@ def negated(value):
         ((*CLAIM, "p"), lambda rows: rows[:-1]),
         ((*CLAIM, "channels"), lambda channels: channels[:-1]),
         ((*CLAIM, "channels"), lambda channels: [*channels, channels[0]]),
-        ((*CLAIM, "channels", 0, "weight"), negated),
-        ((*CLAIM, "channels", 0, "weight"), lambda value: str(Fraction(value) / 10**6)),
-        ((*CLAIM, "channels", 0, "centre", 0, 0), lambda value: str(Fraction(value) + 1)),
-        ((*CLAIM, "channels", 0, "generators", 1, 1), lambda value: str(Fraction(value) + 1)),
-        ((*CLAIM, "channels", 0, "onto", 0, 10), lambda value: str(Fraction(value) + 10**9)),
+        ((*CLAIM, "channels", 1, "weight"), negated),
+        ((*CLAIM, "channels", 1, "weight"), lambda value: str(Fraction(value) / 10**6)),
+        ((*CLAIM, "channels", 1, "centre", 0, 0), lambda value: str(Fraction(value) + 1)),
+        ((*CLAIM, "channels", 1, "generators", 1, 1), lambda value: str(Fraction(value) + 1)),
+        ((*CLAIM, "channels", 1, "onto", 0, 10), lambda value: str(Fraction(value) + 10**9)),
         (("conditions", 1, "gain_factor"), lambda value: 8 * value),
         (("conditions", 1, "gain_factor"), lambda value: -4 * value),
         (("conditions", 1, "b", 10, 0), lambda value: str(8 * Fraction(value))),
