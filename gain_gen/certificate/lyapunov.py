@@ -112,7 +112,7 @@ def feasible(loop: UncertainLoop) -> list[Point]:
     nominal = [_nominal(loop, 1.0 - part * gap) for part in DECAYS]
     tried = [(each, share * gap) for each, share in product(nominal, SHARES)]
     points = [_point(loop, each, energy) for each, energy in tried]
-    if not any(points) and len(loop.places):
+    if not any(points) and len(loop.places) > (0 if loop.share else 1):
         scales = _scales(loop)
         points = [_point(loop, each, energy, scales) for each, energy in tried]
     return sorted((point for point in points if point), key=lambda point: point.roll)

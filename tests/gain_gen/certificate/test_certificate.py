@@ -204,6 +204,17 @@ def test_a_gain_that_destabilises_is_not_proved(calibrated):
     assert prove(shifted, condition, wish) is None
 
 
+def test_a_single_delay_without_a_proof_is_an_answer(calibrated):
+    """The delay varies within one tick: there are no multipliers to balance."""
+    calibration = calibrated("hinf_delay")
+    task, _, integers = parts(calibration)
+    condition = condition_of(family_of(task).members[3], calibration.record)
+    loud = integers | {"output_gain_shift": integers["output_gain_shift"] - 2}
+    resolution = resolutions(task.vehicle, calibration.record)
+    assert prove(loud, condition, Wish(EVERY_TICK, (0.0024, 0.0024), resolution)) is not None
+    assert prove(loud, condition, Wish(EVERY_TICK, (0.0024, 0.0095), resolution)) is None
+
+
 def test_another_loop_is_refused(calibrated):
     calibration = calibrated("hinf_delay")
     task = task_of(calibration)
