@@ -145,8 +145,8 @@ def _steered(found: "Certificate", limit: float) -> str:
     roll, moment = found.worst("steered")
     text = (
         f"no value that the code stores saturates with steering of up to {found.steered:g} m/s² at "
-        f"any rate on a bank of up to {100.0 * BANK:.0f} %: the roll angle stays within {_up(roll, 2)}° and "
-        f"the command within {_up(moment, 0)} N·m"
+        f"any rate on a bank of up to {100.0 * BANK:.0f} %: the roll angle stays within "
+        f"{_up(roll, 2)}° and the command within {_up(moment, 0)} N·m"
     )
     return text + _beyond(moment, limit)
 
