@@ -26,8 +26,8 @@ def made(bus, accepted):
 def driven(monkeypatch):
     asked = []
 
-    def run(scenario, *, named, under, cases, **choices):
-        assert (named, under, cases.execution.jobs) == ("", None, 2)
+    def run(scenario, *, named, cases, **choices):
+        assert (named, cases.execution.jobs) == ("", 2)
         asked.append((scenario, choices))
         return made(choices["bus"], choices.pop("seed", 0))
 
