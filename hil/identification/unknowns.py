@@ -53,7 +53,9 @@ class _Number:
 NUMBERS = {
     "tyre.cornering_stiffness_front": _Number("cornering stiffness, front", "N/rad", 0.25),
     "tyre.cornering_stiffness_rear": _Number("cornering stiffness, rear", "N/rad", 0.25),
-    "tyre.cornering_load_slope": _Number("its fall over load", "", 0.0, 0.1, 0.0, 0.49),
+    "tyre.cornering_load_slope": _Number(
+        "fall of cornering stiffness over load", "", 0.0, 0.1, 0.0, 0.49
+    ),
     "tyre.friction": _Number("friction", "", 0.1),
     "tyre.relaxation_length": _Number("relaxation length", "m", 0.3),
     "mass.yaw_inertia": _Number("yaw inertia", "kg·m²", 0.15),
