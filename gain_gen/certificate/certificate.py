@@ -68,7 +68,7 @@ ASSUMPTIONS = (
     "the ECU samples at its tick; the whole delay from sample to force, which may change every "
     "tick within its bounds without commands overtaking each other, lies in the command",
     "every tick has a new sample of each sensor and the delivered moment, off by half a resolution",
-    "the estimates of offsets and the speed stand still",
+    "the estimates of offsets and the speed stand still; the steering changes only at ticks",
 )
 
 
