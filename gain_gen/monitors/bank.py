@@ -17,6 +17,8 @@ SIGNALS = (
 """Measured signals: left − right and left + right stroke rates (m/s), delivered
 moments (N·m), lateral acceleration as measured, as yaw rate × speed and as steering and speed give
 it (m/s²), roll rate, yaw rate (rad/s)."""
+LOW_PASS = 0.05
+"""Time constant of the low-pass, s."""
 MEAN = 10.0
 """Time over which the mean magnitude of steps is taken, s."""
 
@@ -37,7 +39,7 @@ class Part:
     kind: str
     gains: dict[str, float]
     washout: float = 0.0
-    low_pass: float = 0.05
+    low_pass: float = LOW_PASS
 
     def memory(self, tick: float) -> float:
         """Return the washout's time constant in ticks; infinite without one."""

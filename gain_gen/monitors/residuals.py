@@ -12,6 +12,7 @@ from gain_gen.monitors.bank import (
     DERIVATIVE,
     DIRECT,
     INTEGRAL,
+    LOW_PASS,
     MEAN,
     STEP,
     Bank,
@@ -35,8 +36,6 @@ from gain_gen.monitors.noise import OF_RATE, OF_STEPS, floor, walk
 from gain_gen.monitors.uncertainty import NOMINAL, Uncertainty
 from vehicles import GRAVITY
 
-LOW_PASS = 0.05
-"""Time constant of the low-pass, s."""
 SLOW, FAST, AXLES = 0.0125, 0.8, 0.2
 """Corners of the washouts, Hz: of the body twice, of the axles."""
 LATERAL_TIME, GYRO_TIME, HEAVE_TIME = 0.08, 0.05, 1.0
@@ -84,11 +83,10 @@ class Builder:
         self.axle_time = geometry.wheelbase / SLOWEST
         self.on_road = min(lifting(car)) / (1.0 + box.height)
 
-    def part(self, *args: str, gains: dict[str, float], washout: float = 0.0, **more: float) -> str:
-        """Add a part of a name and kind; return its name."""
-        name, kind = args
-        self.parts[name] = Part(name, kind, gains, washout, more.get("low_pass", LOW_PASS))
-        return name
+    def part(self, part: Part) -> str:
+        """Add a part; return its name."""
+        self.parts[part.name] = part
+        return part.name
 
     def residual(
         self,
@@ -135,46 +133,59 @@ class Builder:
         j = effective_inertia(car, NOMINAL) / LOW_PASS
         late = self.late(SLOW)
         steps = self.part(
-            "steps of the springs", STEP, gains=self.strokes(springs, late), low_pass=MEAN
+            Part("steps of the springs", STEP, gains=self.strokes(springs, late), low_pass=MEAN)
         )
         limit = off_stops(car, box)
         for name, washout in (("slow", SLOW), ("fast", FAST)):
             terms = [
                 Term(
                     self.part(
-                        f"momentum, {name}", DERIVATIVE, gains={"roll_rate": j}, washout=washout
+                        Part(
+                            f"momentum, {name}", DERIVATIVE, gains={"roll_rate": j}, washout=washout
+                        )
                     ),
                     1,
                     inertia,
                 ),
                 Term(
                     self.part(
-                        f"springs, {name}", INTEGRAL, gains=self.strokes(springs), washout=washout
+                        Part(
+                            f"springs, {name}",
+                            INTEGRAL,
+                            gains=self.strokes(springs),
+                            washout=washout,
+                        )
                     ),
                     1,
                     box.stiffness,
                 ),
                 Term(
                     self.part(
-                        f"dampers, {name}",
-                        DIRECT,
-                        gains=self.strokes(car.dampers),
-                        washout=washout,
+                        Part(
+                            f"dampers, {name}",
+                            DIRECT,
+                            gains=self.strokes(car.dampers),
+                            washout=washout,
+                        )
                     ),
                     1,
                     box.damping,
                 ),
                 Term(
-                    self.part(f"side, {name}", DIRECT, gains={"lateral": car.arm}, washout=washout),
+                    self.part(
+                        Part(f"side, {name}", DIRECT, gains={"lateral": car.arm}, washout=washout)
+                    ),
                     -1,
                     side,
                 ),
                 Term(
                     self.part(
-                        f"moments, {name}",
-                        DIRECT,
-                        gains={"moment_front": 1.0, "moment_rear": 1.0},
-                        washout=washout,
+                        Part(
+                            f"moments, {name}",
+                            DIRECT,
+                            gains={"moment_front": 1.0, "moment_rear": 1.0},
+                            washout=washout,
+                        )
                     ),
                     -1,
                     box.moment,
@@ -198,12 +209,14 @@ class Builder:
         names = ("mass", "height", "stiffness", "speed")
         gain, m = tilted(car, NOMINAL), car.arm
         apart = deviation(lambda f: f.speed * tilted(car, f), box, names)
-        turn = self.part("turn", DIRECT, gains={"turning": gain * m, "lateral": -m})
-        turning = self.part("turning", DIRECT, gains={"turning": gain * m})
-        steer = self.part("steer", DIRECT, gains={"steered": gain * m, "lateral": -m})
-        angle = self.part("steered", DIRECT, gains={"steered": gain * m})
+        turn = self.part(Part("turn", DIRECT, gains={"turning": gain * m, "lateral": -m}))
+        turning = self.part(Part("turning", DIRECT, gains={"turning": gain * m}))
+        steer = self.part(Part("steer", DIRECT, gains={"steered": gain * m, "lateral": -m}))
+        angle = self.part(Part("steered", DIRECT, gains={"steered": gain * m}))
         change = self.part(
-            "change of steering", DERIVATIVE, gains={"steered": gain * m}, low_pass=box.response
+            Part(
+                "change of steering", DERIVATIVE, gains={"steered": gain * m}, low_pass=box.response
+            )
         )
         least = (box.sideslip + GRAVITY * sin(box.bank)) * m
         terms = [Term(turn, 1, 0.0), Term(turning, 0, apart)]
@@ -224,30 +237,36 @@ class Builder:
         """
         car, box = self.car, self.box
         damping = car.vehicle.design.roll_damping
-        rate = self.part("roll rate", DIRECT, gains={"roll_rate": damping})
+        rate = self.part(Part("roll rate", DIRECT, gains={"roll_rate": damping}))
         per = [rolled(car, axle, NOMINAL) / car.tracks[axle] for axle in range(2)]
         apart = self.part(
-            "suspensions apart",
-            DIRECT,
-            gains={"stroke_front": damping * per[0], "stroke_rear": -damping * per[1]},
+            Part(
+                "suspensions apart",
+                DIRECT,
+                gains={"stroke_front": damping * per[0], "stroke_rear": -damping * per[1]},
+            )
         )
         terms = [Term(apart, 0, 1.0)]
         if moments:
             tyres = damping / LOW_PASS
             moved = self.part(
-                "moments on the tyres",
-                DERIVATIVE,
-                gains={
-                    "moment_front": tyres / car.tyres[0],
-                    "moment_rear": tyres / car.tyres[1],
-                },
+                Part(
+                    "moments on the tyres",
+                    DERIVATIVE,
+                    gains={
+                        "moment_front": tyres / car.tyres[0],
+                        "moment_rear": tyres / car.tyres[1],
+                    },
+                )
             )
             terms.append(Term(moved, 0, 1.0))
         for axle, name in enumerate(("front", "rear")):
             difference = self.part(
-                f"gyro less {name}",
-                DIRECT,
-                gains={"roll_rate": damping, f"stroke_{name}": -damping * per[axle]},
+                Part(
+                    f"gyro less {name}",
+                    DIRECT,
+                    gains={"roll_rate": damping, f"stroke_{name}": -damping * per[axle]},
+                )
             )
             weight = deviation(partial(rolled, car, axle), box, ("tyre", "stiffness"))
             self.residual(
@@ -272,38 +291,48 @@ class Builder:
         tyre = car.tyres[0]
         lateral, yaw, carried = axle_forces(vehicle, scale)
         stretch = self.part(
-            "suspensions and tyres apart",
-            INTEGRAL,
-            gains=self.strokes((springs[0] + tyre, -springs[1] - tyre)),
-            washout=AXLES,
+            Part(
+                "suspensions and tyres apart",
+                INTEGRAL,
+                gains=self.strokes((springs[0] + tyre, -springs[1] - tyre)),
+                washout=AXLES,
+            )
         )
         bump = self.part(
-            "rate apart", DIRECT, gains=self.strokes((tyre, -tyre), box.bump), washout=AXLES
+            Part("rate apart", DIRECT, gains=self.strokes((tyre, -tyre), box.bump), washout=AXLES)
         )
         damped = self.part(
-            "dampers apart",
-            DIRECT,
-            gains=self.strokes((car.dampers[0], -scale[1] * car.dampers[1])),
-            washout=AXLES,
+            Part(
+                "dampers apart",
+                DIRECT,
+                gains=self.strokes((car.dampers[0], -scale[1] * car.dampers[1])),
+                washout=AXLES,
+            )
         )
         side = self.part(
-            "forces at the roll centres", DIRECT, gains={"lateral": lateral}, washout=AXLES
+            Part("forces at the roll centres", DIRECT, gains={"lateral": lateral}, washout=AXLES)
         )
         centres = self.part(
-            "roll centres", DIRECT, gains={"lateral": carried * box.roll_centre}, washout=AXLES
+            Part(
+                "roll centres", DIRECT, gains={"lateral": carried * box.roll_centre}, washout=AXLES
+            )
         )
-        front = self.part("front moment", DIRECT, gains={"moment_front": 1.0}, washout=AXLES)
-        rear = self.part("rear moment", DIRECT, gains={"moment_rear": scale[1]}, washout=AXLES)
+        front = self.part(Part("front moment", DIRECT, gains={"moment_front": 1.0}, washout=AXLES))
+        rear = self.part(
+            Part("rear moment", DIRECT, gains={"moment_rear": scale[1]}, washout=AXLES)
+        )
         turned = self.part(
-            "yaw at the roll centres", DERIVATIVE, gains={"yaw_rate": yaw / LOW_PASS}
+            Part("yaw at the roll centres", DERIVATIVE, gains={"yaw_rate": yaw / LOW_PASS})
         )
         road = self.part(
-            "steps apart",
-            STEP,
-            gains=self.strokes(
-                (tyre, -tyre), walk(Part("", INTEGRAL, {}, AXLES), box, self.tick, OF_RATE)
-            ),
-            low_pass=MEAN,
+            Part(
+                "steps apart",
+                STEP,
+                gains=self.strokes(
+                    (tyre, -tyre), walk(Part("", INTEGRAL, {}, AXLES), box, self.tick, OF_RATE)
+                ),
+                low_pass=MEAN,
+            )
         )
         terms = [
             Term(stretch, 1, max(box.tyre, box.stiffness)),
@@ -325,13 +354,15 @@ class Builder:
             "heave_front": suspension.spring_rate_front,
             "heave_rear": suspension.spring_rate_rear,
         }
-        carried = self.part("carried by the springs", INTEGRAL, gains=rates, washout=SLOW)
+        carried = self.part(Part("carried by the springs", INTEGRAL, gains=rates, washout=SLOW))
         factor = self.late(SLOW)
         steps = self.part(
-            "steps of heave",
-            STEP,
-            gains={name: factor * rate for name, rate in rates.items()},
-            low_pass=MEAN,
+            Part(
+                "steps of heave",
+                STEP,
+                gains={name: factor * rate for name, rate in rates.items()},
+                low_pass=MEAN,
+            )
         )
         mass = (1.0 + box.mass) * self.car.vehicle.design.sprung_mass
         self.residual(

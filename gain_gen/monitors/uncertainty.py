@@ -71,8 +71,6 @@ class Factors:
     stiffness: float = 1.0
     damping: float = 1.0
     tyre: float = 1.0
-    cornering: float = 1.0
-    moment: float = 1.0
     speed: float = 1.0
 
 

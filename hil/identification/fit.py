@@ -193,9 +193,9 @@ def fit(
                 "with more steering"
             )
         point = search(model, replace(point, x=_held(model, point.x, felt)), felt, how)
-        told = information(model, point, how)
+        content = information(model, point, how)
     progress("steps of the search", 1.0)
-    covariance = told.covariance(felt)
+    covariance = content.covariance(felt)
     numbers = tuple(_numbers(model, point.x, covariance, felt))
     name = Path(log.name).name
     scale = np.outer(model.deviation, model.deviation)
@@ -209,7 +209,7 @@ def fit(
         vehicle=fitted(vehicle, numbers, name),
         numbers=numbers,
         covariance=covariance * scale,
-        information=told,
+        information=content,
         pairs=tuple(together(covariance[np.ix_(of_car, of_car)], labels)),
         seconds=float(model.compared.any(axis=1).sum() * SAMPLE),
         agreements=agreements,
@@ -326,9 +326,10 @@ def fitted(vehicle: Vehicle, numbers: tuple[Number, ...], log: str) -> Vehicle:
         if number.unknown.least > 0.0:
             spread = f"±{100 * number.deviation / number.value:.2g} %"
         key = f"{key}.imu_position" if place else key
-        told = "" if number.state == "told" else " (only together with others)"
+        condition = "" if number.state == "told" else " (only together with others)"
         spreads.setdefault(key, []).append(
-            f"{spread}{told}, {number.unknown.mean:.4g} before" + (f" [{place}]" if place else "")
+            f"{spread}{condition}, {number.unknown.mean:.4g} before"
+            + (f" [{place}]" if place else "")
         )
     for key, texts in spreads.items():
         sources[key] = f"fitted {'; '.join(texts)}; on {log}"

@@ -25,9 +25,9 @@ def _explained(agreements: tuple[Agreement, ...]) -> str:
 def summary(fit: Fit) -> str:
     """Return the answer in a line."""
     of_car = [number for number in fit.numbers if not number.unknown.of_log]
-    told = sum(number.state == "told" for number in of_car)
+    count = sum(number.state == "told" for number in of_car)
     return (
-        f"{fit.start.name} fitted to {fit.seconds:.1f} s of {fit.log}: it tells {told} of "
+        f"{fit.start.name} fitted to {fit.seconds:.1f} s of {fit.log}: it tells {count} of "
         f"{len(of_car)} numbers"
     )
 
