@@ -21,12 +21,12 @@ from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import replace
 from itertools import count
 
-from hil.campaign import campaign_file
-from hil.campaign.plan import drive_chunk
-from hil.campaign.summary import count_of
-from hil.cases.engine import LOCAL, engine, results
-from hil.runs import experiment, virtual_time
-from hil.studies import figures, variation
+from canroll.campaigns import campaign_file
+from canroll.campaigns.plan import drive_chunk
+from canroll.campaigns.summary import count_of
+from canroll.cases.engine import LOCAL, engine, results
+from canroll.runs import experiment, virtual_time
+from canroll.studies import figures, variation
 from plant_sim.world import open_loop, world
 
 SCENARIO = "double_lane_change"

@@ -20,15 +20,15 @@ import fmpy
 import numpy as np
 
 import vehicles
+from canroll.cli import export_fmu
+from canroll.cli.main import parse
+from canroll.cli.timing import recorded
+from canroll.runs.experiment import build_world, plan
 from codegen.fmu import archive
 from codegen.run import cortex, ecu_traffic, native
 from codegen.run.bus_firmware import built_in
 from codegen.run.memory_image import dtype, image
 from firmware.calibration import Calibration
-from hil.cli.exchange import export_fmu
-from hil.cli.main import parse
-from hil.cli.timing import recorded
-from hil.runs.experiment import build_world, plan
 from plant_sim import bodies
 from plant_sim.driving import maneuvers
 from plant_sim.kernels.jit import njit

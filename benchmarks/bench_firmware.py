@@ -15,6 +15,7 @@ from types import SimpleNamespace
 import handwritten
 import numpy as np
 
+from canroll.cli.timing import recorded
 from codegen.run import cortex as cortex_build
 from codegen.run import memory_image, native, qemu
 from codegen.run.backends import NativeEcu, PythonEcu
@@ -25,7 +26,6 @@ from codegen.worst_case.cycles import Timing
 from codegen.worst_case.firmware_bound import cycle_costs
 from firmware.calibration import Calibration
 from firmware.com.signals import RX_IDS
-from hil.cli.timing import recorded
 
 
 def best(run, repeats):

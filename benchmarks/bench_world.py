@@ -18,8 +18,8 @@ import time
 from dataclasses import replace
 
 import vehicles
+from canroll.runs import experiment, virtual_time
 from codegen.run.backends import open_backend
-from hil.runs import experiment, virtual_time
 from plant_sim import bodies
 from plant_sim.driving import maneuvers
 from plant_sim.world import open_loop

@@ -18,18 +18,18 @@ from typing import TYPE_CHECKING, Any
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 
 if TYPE_CHECKING:
+    from canroll.campaigns.study import campaign
+    from canroll.cases.execution import Execution
+    from canroll.report.picture import plot
+    from canroll.runs.experiment import run
+    from canroll.runs.result import Result
+    from canroll.studies.comparison import compare, sweep
+    from canroll.studies.severe import study as severe
     from canroll.table import Table
     from gain_gen.calibration.calibration_file import load as load_calibration
     from gain_gen.design import design
     from gain_gen.margin_report import margin_report as margins
     from gain_gen.models.task import Delay, Design, Task
-    from hil.campaign.study import campaign
-    from hil.cases.execution import Execution
-    from hil.report.picture import plot
-    from hil.runs.experiment import run
-    from hil.runs.result import Result
-    from hil.studies.comparison import compare, sweep
-    from hil.studies.severe import study as severe
     from vehicles import load as load_vehicle
 
 __all__ = [
@@ -57,20 +57,20 @@ __all__ = [
 _HOMES = {
     "Delay": ("gain_gen.models.task", "Delay"),
     "Design": ("gain_gen.models.task", "Design"),
-    "Execution": ("hil.cases.execution", "Execution"),
-    "Result": ("hil.runs.result", "Result"),
+    "Execution": ("canroll.cases.execution", "Execution"),
+    "Result": ("canroll.runs.result", "Result"),
     "Table": ("canroll.table", "Table"),
     "Task": ("gain_gen.models.task", "Task"),
-    "campaign": ("hil.campaign.study", "campaign"),
-    "compare": ("hil.studies.comparison", "compare"),
+    "campaign": ("canroll.campaigns.study", "campaign"),
+    "compare": ("canroll.studies.comparison", "compare"),
     "design": ("gain_gen.design", "design"),
     "load_calibration": ("gain_gen.calibration.calibration_file", "load"),
     "load_vehicle": ("vehicles", "load"),
     "margins": ("gain_gen.margin_report", "margin_report"),
-    "plot": ("hil.report.picture", "plot"),
-    "run": ("hil.runs.experiment", "run"),
-    "severe": ("hil.studies.severe", "study"),
-    "sweep": ("hil.studies.comparison", "sweep"),
+    "plot": ("canroll.report.picture", "plot"),
+    "run": ("canroll.runs.experiment", "run"),
+    "severe": ("canroll.studies.severe", "study"),
+    "sweep": ("canroll.studies.comparison", "sweep"),
 }
 
 

@@ -20,14 +20,14 @@ import numpy as np
 
 import vehicles
 from canroll.errors import CanrollError
+from canroll.runs import experiment
+from canroll.setup.controller import COMMANDS
 from canroll.typing import Vector
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import calibrate
 from gain_gen.design import design
 from gain_gen.laws import LAWS
 from gain_gen.models.task import Delay, Solution, Task
-from hil.runs import experiment
-from hil.setup.controller import COMMANDS
 from plant_sim import can_bus
 from plant_sim.bodies import BODIES, ports
 from plant_sim.bodies.ports import Body, initial_inputs

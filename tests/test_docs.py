@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hil.cli import main as cli
+from canroll.cli import main as cli
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs").glob("*.md"))

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from hil.cli import main as cli
-from hil.cli.commands import COMMANDS
+from canroll.cli import main as cli
+from canroll.cli.commands import COMMANDS
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
@@ -109,7 +109,7 @@ def test_keys_of_a_linearisation(capsys):
 
 
 def test_keys_of_the_reproduction():
-    from hil.papers.reproduce import to_json
+    from canroll.papers.reproduce import to_json
 
     assert keys("reproduce") == {*to_json([]), "files"}
 

@@ -24,8 +24,8 @@ from gain_gen.calibration.freeze import calibrate
 from gain_gen.design import design
 from gain_gen.laws.custom import read_matrices
 from gain_gen.models.task import Delay, Task
-from hil.realtime import tick_trace
-from hil.realtime.budget import Budget, budget_of
+from hil import tick_trace
+from hil.budget import Budget, budget_of
 from plant_sim.buses.topology import Spread
 from plant_sim.can_bus.network_file import KEYS as KEYS_OF_A_NETWORK
 from plant_sim.can_bus.network_file import load_profile

@@ -10,12 +10,12 @@ from scipy.io import savemat
 
 import vehicles
 from canroll import documents
+from canroll.campaigns import campaign_file
 from canroll.errors import CanrollError
+from canroll.runs import saved_run
 from codegen.generated import bus_map
 from gain_gen.calibration import calibration_file
 from gain_gen.laws.custom import read_matrices
-from hil.campaign import campaign_file
-from hil.runs import saved_run
 from plant_sim.can_bus import load_profile
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.traffic.log_playback import load_recording

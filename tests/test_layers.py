@@ -16,7 +16,7 @@ MAY_IMPORT = {
     "plant_sim": {"codegen.frame", "codegen.generated", "dbc", "vehicles"},
 }
 """Packages or rooms beside itself: firmware and plant stay apart; ``GROUND`` is everybody's."""
-MOST_FILES = {"firmware": 20, "hil.cli": 40}
+MOST_FILES = {"firmware": 20, "canroll.cli": 40}
 """Rooms that may hold more files than others, ``__init__.py`` not counted; a command is a file."""
 
 
@@ -90,10 +90,10 @@ def test_circles_are_found(graph, found):
 
 
 def test_an_import_upward_is_found(tmp_path):
-    for package, text in (("gain_gen", "from hil.runs import trace\n"), ("hil", "")):
+    for package, text in (("gain_gen", "from canroll.runs import trace\n"), ("canroll", "")):
         (tmp_path / package).mkdir()
         (tmp_path / package / "__init__.py").write_text(text)
-    (tmp_path / "hil" / "runs").mkdir()
-    (tmp_path / "hil" / "runs" / "__init__.py").write_text("")
-    (tmp_path / "hil" / "runs" / "trace.py").write_text("")
-    assert upward(imports(tmp_path), tmp_path) == ["gain_gen imports hil.runs.trace"]
+    (tmp_path / "canroll" / "runs").mkdir()
+    (tmp_path / "canroll" / "runs" / "__init__.py").write_text("")
+    (tmp_path / "canroll" / "runs" / "trace.py").write_text("")
+    assert upward(imports(tmp_path), tmp_path) == ["gain_gen imports canroll.runs.trace"]

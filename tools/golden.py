@@ -88,7 +88,7 @@ def record(name: str, folder: Path) -> None:
         root = Path(__file__).parents[1]
         arguments = [str(root / a) if a.startswith("examples/") else a for a in CASES[name]]
         ran = subprocess.run(
-            [sys.executable, "-m", "hil.cli.main", *arguments],
+            [sys.executable, "-m", "canroll.cli.main", *arguments],
             cwd=work,
             env={**os.environ, "PYTHONPATH": str(root), "COLUMNS": "100"},
             capture_output=True,

@@ -26,11 +26,11 @@ from pyxcp.daq_stim import DaqList, DaqOnlinePolicy
 from pyxcp.master import Master
 from pyxcp.types import XcpResponseError
 
+from canroll.exchange.ecu_on_bus import ecu_on_bus
 from codegen.export import a2l
 from codegen.run import ecu_traffic
 from codegen.run.bus_firmware import built_in
 from codegen.run.services import PAGE_ADDRESS, STATE_ADDRESS, xcp_idents
-from hil.exchange.ecu_on_bus import ecu_on_bus
 
 IDS = xcp_idents(built_in())
 RECORD = ecu_traffic.random_calibration(3)

@@ -10,7 +10,8 @@ class Uncertainty:
     """Half-widths of what the thresholds must allow for, all of them choices of the user.
 
     Shares are of the nominal value. The defaults are those of the population in which laws are
-    compared (:data:`hil.studies.variation.DEFAULT_SPREAD`); sensors are as their vehicle file says.
+    compared (:data:`canroll.studies.variation.DEFAULT_SPREAD`); sensors are as their vehicle file
+    says.
 
     Attributes:
         mass: share of the sprung mass: passengers and luggage.

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 from cantools.database import DecodeError
 
 import dbc
-from hil.reaction.fault_codes import in_words
-from hil.realtime.bus_link import Frame
+from canroll.reaction.fault_codes import in_words
+from hil.bus_link import Frame
 from plant_sim.can_bus.wire.frame import EXTENDED, REMOTE, length_of
 
 WINDOW = 2.0

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import can
 
-from hil.realtime.bus_link import CanLink
+from hil.bus_link import CanLink
 from hil.watch.observation import Observation, Seen
 from plant_sim.can_bus.traffic.log_reader import flags_of
 

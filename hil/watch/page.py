@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.reaction.fault_codes import FAULT_CODES, MODES
-from hil.report.document import PLOT_STYLES, PLOTS, document
-from hil.report.figure import DASH_DOTTED, DASHED, DOTTED, SOLID, Figure, Series
+from canroll.reaction.fault_codes import FAULT_CODES, MODES
+from canroll.report.document import PLOT_STYLES, PLOTS, document
+from canroll.report.figure import DASH_DOTTED, DASHED, DOTTED, SOLID, Figure, Series
 from hil.watch.observation import (
     COMMAND_TO_ACKNOWLEDGEMENT,
     IMU_TO_COMMAND,

@@ -20,7 +20,7 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.http11 import Request, Response
 
 from canroll.errors import CanrollError, reason
-from hil.realtime.process import Stop
+from hil.process import Stop
 from hil.watch.onlooker import Onlooker
 from hil.watch.stream import LiveStream
 

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Any
 
-from hil.reaction.fault_codes import FAULT_CODES
+from canroll.reaction.fault_codes import FAULT_CODES
 from hil.watch.observation import (
     COMMAND_TO_ACKNOWLEDGEMENT,
     CONTROLLER,

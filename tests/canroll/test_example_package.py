@@ -33,7 +33,7 @@ def in_example(installed, *arguments, cwd):
 
 
 def test_all_that_it_offers_is_listed_and_driven(installed, tmp_path):
-    canroll = ("-m", "hil.cli.main")
+    canroll = ("-m", "canroll.cli.main")
     offered = {"laws": "skyhook", "bodies": "heavy_roof", "scenarios": "weave"}
     for kind, name in {**offered, "buses": "250k_van"}.items():
         listed = in_example(installed, *canroll, "list", kind, "--json", cwd=tmp_path)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from canroll.cli.main import main
 from gain_gen.laws import LAWS
-from hil.cli.main import main
 
 PAGE = (Path(__file__).parents[2] / "docs" / "extend.md").read_text()
 BLOCKS = re.findall(r"^```(\w+) ?(\S*)\n(.*?)^```", PAGE, re.S | re.M)

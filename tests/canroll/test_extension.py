@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from canroll import extension
+from canroll.cli.main import REGISTRIES, main
 from canroll.errors import CanrollError
 from canroll.registry import Registry
 from gain_gen.laws import LAWS
-from hil.cli.main import REGISTRIES, main
 from plant_sim.bodies import BODIES
 from plant_sim.buses import BUSES
 from plant_sim.driving import MANEUVERS
@@ -291,7 +291,7 @@ def test_everything_that_has_a_name_is_listed_with_a_description(kind, capsys):
 
 def test_listing_loads_nothing_heavy():
     code = (
-        "import sys\nfrom hil.cli.main import main\n"
+        "import sys\nfrom canroll.cli.main import main\n"
         "for kind in ('laws', 'vehicles', 'scenarios', 'buses', 'bodies'):\n"
         "    main(['list', kind])\n"
         "heavy = {'numba', 'cvxpy', 'scipy', 'matplotlib', 'can'} & set(sys.modules)\n"

@@ -6,10 +6,10 @@ import cantools
 import pytest
 
 import dbc
+from canroll.setup.choices import CHOICES
 from firmware import calibration, plausibility, state
 from firmware.calibration import Calibration
 from firmware.subset import fields
-from hil.setup.choices import CHOICES
 
 LIMITS = {field.name: field.f.hi for field in fields(Calibration)}
 COMMANDS = {field.name: (field.f.lo, field.f.hi) for field in fields(state.Ecu)}

@@ -5,14 +5,14 @@ import pytest
 import rig
 from twin import Twin
 
+from canroll.runs import experiment
+from canroll.runs.trace import TICK
+from canroll.runs.virtual_time import closed_loop
+from canroll.setup import controller as hil_controller
 from firmware import calibration as fw
 from firmware import ecu as loop
 from firmware.com import signals
 from firmware.state import ACTIVE, RX_IMU, Ecu
-from hil.runs import experiment
-from hil.runs.trace import TICK
-from hil.runs.virtual_time import closed_loop
-from hil.setup import controller as hil_controller
 
 
 class Watched:
@@ -118,7 +118,7 @@ def watched_run(monkeypatch, scenario: str, **options) -> Watched:
     settings, controller = experiment.plan(scenario, backend="python", **options)
     watched = Watched(controller.record, designs[-1])
     monkeypatch.setattr(
-        "hil.runs.virtual_time.tick_rows",
+        "canroll.runs.virtual_time.tick_rows",
         lambda times, images, record: np.zeros(len(images), TICK),
     )
     closed_loop(

@@ -1,72 +1,137 @@
-"""A made-up run with figures that can be told by hand."""
+"""A clock that only moves when it is slept on or told to, and a bus that is a list."""
 
-import numpy as np
+import signal
+import subprocess
+import sys
+import time
+
 import pytest
 
-from hil.runs.trace import TICK, Trace
-from plant_sim.bodies.ports import WHEELS
-from plant_sim.can_bus.kernel.layout import log_dtype
+from canroll.setup import controller
+from hil import ecu_loop, plant_loop
 
-SECONDS = 8.0
-
-
-def trace(*, amplitude=0.05, moment=800.0, frequency=0.5, commands=True) -> Trace:
-    time = np.arange(0.0, SECONDS + 5e-4, 1e-3)
-    wave = np.sin(2 * np.pi * frequency * time)
-    rate = 2 * np.pi * frequency * np.cos(2 * np.pi * frequency * time)
-    transfer = 3000.0 * wave
-    signals = {
-        "time": time,
-        "roll": amplitude * wave,
-        "roll_rate": amplitude * rate,
-        "ay": 4.0 * wave,
-        "moment_front": -0.6 * moment * wave,
-        "moment_rear": -0.4 * moment * wave,
-        "steer": 0.05 * wave,
-        "x": 20.0 * time,
-        "y": 1.75 - 1.75 * np.cos(2 * np.pi * frequency * time / 4),
-        "yaw": 0.05 * wave,
-        "path_error": 0.1 * wave,
-        "bank": np.zeros_like(time),
-        "rollover": np.zeros_like(time),
-    }
-    for wheel, sign in zip(WHEELS, (-1, 1, -1, 1), strict=True):
-        signals[f"wheel_load_{wheel}"] = 6000.0 + sign * transfer / 2
-        signals[f"corner_force_{wheel}"] = sign * moment * wave / 4
-    ticks = np.zeros(round(SECONDS / 0.01), TICK)
-    ticks["t"] = np.arange(1, len(ticks) + 1) * 0.01
-    ticks["mode"] = np.where(ticks["t"] < 0.5, 0, 1)
-    ticks["roll"] = np.interp(ticks["t"], time, signals["roll"])
-    ticks["moment"] = np.interp(ticks["t"], time, -moment * wave)
-    if commands:
-        ticks["triggered"][50::5] = 1
-        ticks["triggered"][52::25] = 2
-    return Trace(
-        signals=signals,
-        frames=frames(),
-        ages=np.linspace(8e6, 24e6, 500).astype(np.int64),
-        ticks=ticks,
-        duration=SECONDS,
-    )
+PATIENCE = 1800.0
 
 
-def frames() -> np.ndarray:
-    """One Imu frame of 240 µs each 10 ms, one ActuatorState right behind it."""
-    count = round(SECONDS / 0.01)
-    log = np.zeros(2 * count, log_dtype())
-    queued = np.arange(count) * 10_000_000
-    for place, ident, delay in ((0, 0xA0, 0), (1, 0xD0, 240_000)):
-        of = log[place::2]
-        of["ident"] = ident
-        of["t_origin"] = of["t_queued"] = queued
-        of["t_start"] = queued + delay
-        of["t_received"] = queued + delay + 230_000
-        of["t_end"] = queued + delay + 240_000
-        of["length"] = 8
-        of["payload"][:, :8] = np.arange(8)
-    return log
+class Clock:
+    """Stands in for the module ``time`` in a loop; ``late`` adds to chosen sleeps, ns."""
+
+    def __init__(self):
+        self.now = 1_000_000_000
+        self.late = {}
+        self.sleeps = 0
+
+    def monotonic_ns(self):
+        return self.now
+
+    def monotonic(self):
+        return self.now * 1e-9
+
+    def sleep(self, seconds):
+        self.now += round(seconds * 1e9) + self.late.get(self.sleeps, 0)
+        self.sleeps += 1
 
 
 @pytest.fixture(scope="session")
-def make_trace():
-    return trace
+def make_clock():
+    return Clock
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    clock = Clock()
+    for loop in (ecu_loop, plant_loop):
+        monkeypatch.setattr(loop, "time", clock)
+    return clock
+
+
+class ListBus:
+    """What is in ``waiting`` is received once; what is sent is kept with its instant."""
+
+    failed = 0
+
+    def __init__(self, clock):
+        self.clock = clock
+        self.waiting = []
+        self.out = []
+        self.sent = self.received = 0
+
+    def receive(self):
+        waiting, self.waiting = self.waiting, []
+        self.received += len(waiting)
+        return waiting
+
+    def send(self, ident, payload):
+        self.out.append((self.clock.now, ident, payload))
+        self.sent += 1
+
+    def close(self):
+        pass
+
+
+@pytest.fixture
+def list_bus(clock):
+    return ListBus(clock)
+
+
+@pytest.fixture(scope="session")
+def calibration():
+    return controller.prepare({"law": "lqr", "actuator": "suspension"}).record
+
+
+@pytest.fixture(scope="session")
+def calibration_file(tmp_path_factory):
+    from gain_gen.calibration import calibration_file as files
+
+    prepared = controller.prepare({"law": "lqr", "actuator": "suspension"})
+    path = tmp_path_factory.mktemp("design") / "calibration.toml"
+    files.save(path, prepared.record, prepared.tables)
+    return path
+
+
+class Program:
+    """A canroll program in the background; its lines are waited for."""
+
+    def __init__(self, log, *arguments):
+        self.log = log
+        with log.open("w") as out:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "canroll.cli.main", *map(str, arguments)],
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+
+    @property
+    def said(self):
+        return self.log.read_text()
+
+    def wait_for(self, text):
+        until = time.monotonic() + PATIENCE
+        while text not in self.said:
+            assert self.process.poll() is None or text in self.said, self.said
+            assert time.monotonic() < until, self.said
+            time.sleep(0.01)
+
+    def end(self):
+        return self.process.wait(PATIENCE)
+
+    def kill(self):
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+
+
+@pytest.fixture
+def programs(tmp_path):
+    started = []
+
+    def start(name, *arguments):
+        program = Program(tmp_path / f"{name}-{len(started)}.txt", *arguments)
+        started.append(program)
+        return program
+
+    yield start
+    for program in started:
+        if program.process.poll() is None:
+            program.kill()

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.cases.execution import Cases, Execution
 from canroll.errors import CanrollError, UnknownNameError
-from hil.cases.execution import Cases, Execution
 
 COUNT = 12
 

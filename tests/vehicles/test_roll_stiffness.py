@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
+from canroll.campaigns import campaign_file
+from canroll.campaigns.quantities import drawn
 from canroll.errors import CanrollError
-from hil.campaign import campaign_file
-from hil.campaign.quantities import drawn
 from plant_sim.bodies.parameters import build_parameters
 from vehicles import load
 from vehicles.roll_stiffness import springs_within

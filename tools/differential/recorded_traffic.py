@@ -6,11 +6,11 @@ a design of the gain generator on its own plant.
 
 from dataclasses import dataclass
 
+from canroll.runs.experiment import build_world, plan
+from canroll.runs.virtual_time import closed_loop
 from codegen.run.backends import Recorder, open_backend
 from codegen.run.ecu_traffic import Traffic
 from firmware.calibration import Calibration
-from hil.runs.experiment import build_world, plan
-from hil.runs.virtual_time import closed_loop
 
 DURATION = 10.0
 

@@ -22,20 +22,20 @@ import tomli_w
 from scipy.io import savemat
 
 import vehicles
+from canroll.campaigns import campaign_file, store
 from canroll.errors import CanrollError
+from canroll.runs import saved_run
+from canroll.runs.experiment import plan
+from canroll.runs.result import Settings
+from canroll.studies import fault_catalogue
 from codegen.export import a2l
 from codegen.generated import bus_map, own_stage
 from codegen.run import native
 from dbc.keys import read_key
 from gain_gen.calibration import calibration_file
 from gain_gen.laws.custom import read_matrices
-from hil.campaign import campaign_file, store
-from hil.realtime import plant_record, tick_trace
-from hil.realtime.hardware import lasting
-from hil.runs import saved_run
-from hil.runs.experiment import plan
-from hil.runs.result import Settings
-from hil.studies import fault_catalogue
+from hil import plant_record, tick_trace
+from hil.hardware import lasting
 from plant_sim.can_bus import load_profile
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.traffic.log_playback import load_recording
@@ -263,7 +263,7 @@ def make_undriven(folder: Path) -> None:
 
 def _drive(folder: Path) -> None:
     """Save a run of two programs, without what is for people."""
-    command = [sys.executable, "-m", "hil.cli.main", "hil", "double_lane_change"]
+    command = [sys.executable, "-m", "canroll.cli.main", "hil", "double_lane_change"]
     options = ["--pace", "lockstep", "--law", "lqr", "--duration", "0.3", "--out", str(folder)]
     subprocess.run([*command, *options], check=True, capture_output=True, cwd=ROOT)
     read = {form.file for form in FORMATS if form.folder == "run"}

@@ -24,7 +24,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from hil.cli.main import main as canroll
+from canroll.cli.main import main as canroll
 from tools.progress import progress
 
 RUN = "run double_lane_change --plant roll1 --law lqr --actuator suspension --duration 0.5"

@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[2]
 
 def peak(seconds: float, plant: str, cache: Path, out: Path | None) -> tuple[float, float, int]:
     """Peak memory (MB) and processor time (s) of a run, and its exit code."""
-    command = [sys.executable, "-m", "hil.cli.main", "run", "random_road", "--plant", plant]
+    command = [sys.executable, "-m", "canroll.cli.main", "run", "random_road", "--plant", plant]
     command += ["--set", f"duration={seconds:g}"]
     command += [] if out is None else ["--out", str(out)]
     environment = {**os.environ, "XDG_CACHE_HOME": str(cache), "NUMBA_CACHE_DIR": str(cache)}

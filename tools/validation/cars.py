@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from canroll.errors import CanrollError
+from canroll.runs import experiment
 from codegen.generated.bus_map import BusMap, load
-from hil.runs import experiment
 
 MAPS = Path(__file__).parents[2] / "examples" / "cars"
 ACTUATORS = MAPS / "actuators.dbc"

@@ -22,6 +22,11 @@ import numpy as np
 from scipy.stats import beta
 
 from canroll.errors import CanrollError
+from canroll.reaction.fault_codes import in_words
+from canroll.runs import experiment
+from canroll.runs.result import Settings
+from canroll.setup.controller import Controller
+from canroll.studies.variation import DEFAULT_SPREAD, draw
 from firmware.plausibility import (
     FAULT_ACTUATOR_CONTRADICTED,
     FAULT_COMMAND_LATE,
@@ -31,11 +36,6 @@ from firmware.plausibility import (
     FAULT_SAMPLE_RATE_OFF,
     FAULT_SENSOR_ERRATIC,
 )
-from hil.reaction.fault_codes import in_words
-from hil.runs import experiment
-from hil.runs.result import Settings
-from hil.setup.controller import Controller
-from hil.studies.variation import DEFAULT_SPREAD, draw
 from plant_sim.driving import maneuvers
 from plant_sim.world.recording import Kept
 from tools.progress import progress

@@ -14,13 +14,13 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from canroll.cases.engine import LOCAL, engine, results
 from canroll.errors import CanrollError
+from canroll.identification import drive_log, replay, unknowns
+from canroll.identification.fit import Fit, Settings, fit
+from canroll.identification.pieces import SAMPLE, Piece
+from canroll.identification.unknowns import STEERING_OFFSET, delay_key, offset_key
 from canroll.typing import Vector
-from hil.cases.engine import LOCAL, engine, results
-from hil.identification import drive_log, replay, unknowns
-from hil.identification.fit import Fit, Settings, fit
-from hil.identification.pieces import SAMPLE, Piece
-from hil.identification.unknowns import STEERING_OFFSET, delay_key, offset_key
 from vehicles import Vehicle
 from vehicles.check import problems
 from vehicles.estimate import estimated

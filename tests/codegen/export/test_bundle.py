@@ -10,12 +10,12 @@ import cantools
 import pytest
 from support.bundles import make
 
+from canroll.cli import export_c
 from canroll.errors import CanrollError
 from codegen.export import a2l, bundle, interrupts
 from codegen.export.header import gains_header
 from codegen.generated import signals
 from codegen.run import cortex, ecu_traffic, memory_image, native
-from hil.cli import export_c
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 

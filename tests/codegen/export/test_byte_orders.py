@@ -7,6 +7,7 @@ import pytest
 
 import dbc
 import vehicles
+from canroll.cli import export_c
 from codegen.export import a2l, bundle
 from codegen.export.header import gains_header
 from codegen.generated import signals
@@ -14,7 +15,6 @@ from codegen.generated.bus_map import Xcp
 from codegen.run import ecu_traffic
 from codegen.run.bus_firmware import of_bus
 from gain_gen.calibration import calibration_file
-from hil.cli import export_c
 
 RECORD = ecu_traffic.random_calibration(7)
 MACHINES = {

@@ -5,13 +5,13 @@ import re
 import pytest
 from support.bundles import make
 
+from canroll.cli import main
 from codegen.export import bundle
 from codegen.export.header import gains_header
 from codegen.generated import signals
 from codegen.run import ecu_traffic, native
 from codegen.run.bus_firmware import built_in
 from codegen.subset.parse import load
-from hil.cli import main
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs cc (package gcc)")
 RECORD = ecu_traffic.random_calibration(3)

@@ -6,6 +6,7 @@ import pytest
 from support.bundles import make
 
 import dbc as contract
+from canroll.cli import main
 from canroll.errors import CanrollError
 from codegen.export import a2l, bundle, misra
 from codegen.export.header import gains_header
@@ -13,7 +14,6 @@ from codegen.generated import signals
 from codegen.run import cortex, ecu_traffic, memory_image, native
 from codegen.run.bus_firmware import of_bus
 from firmware.calibration import Calibration
-from hil.cli import main
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 STRICT = "-std=c99 -O1 -Wall -Wextra -Wconversion -Wsign-conversion -Wshadow -Wpedantic -Werror"

@@ -6,12 +6,12 @@ import pytest
 from support.fmus import importer
 
 import dbc
+from canroll.runs.experiment import plan
 from codegen.fmu import ecu
 from codegen.generated.bus_map import BusMap
 from codegen.run.backends import NativeEcu
 from codegen.run.bus_firmware import built_in
 from codegen.run.memory_image import sealed
-from hil.runs.experiment import plan
 
 TICK = 10_000_000
 SIZES = {

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from canroll.cli import prove as command
 from canroll.errors import CanrollError
 from codegen.proof import intervals as iv
 from codegen.proof.intervals import Value
@@ -17,7 +18,6 @@ from codegen.subset.parse import load
 from codegen.subset.program import copy_sources, file_of
 from firmware import subset
 from firmware.calibration import Calibration
-from hil.cli import prove as command
 
 WRONG = {
     "overflow": (

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import vehicles
+from canroll.cli.main import main
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from codegen.c99.text import plain
 from codegen.export.header import gains_header
@@ -35,7 +36,6 @@ from gain_gen.laws import LAWS
 from gain_gen.margin_report import margin_report
 from gain_gen.models.controller import matrices
 from gain_gen.models.task import Delay, Task
-from hil.cli.main import main
 from vehicles import load
 
 
@@ -437,7 +437,7 @@ def test_summary_is_plain_json(lqr):
 def test_a_level_names_its_channel_and_no_column_compares_levels(monkeypatch, capsys):
     """The level of the one is in weighted degrees, that of the other in rad per SI disturbance."""
     laws = ("hinf", "rate_feedforward", "plain_feedforward")
-    monkeypatch.setattr("hil.cli.design.LAWS", laws)
+    monkeypatch.setattr("canroll.cli.design.LAWS", laws)
     arguments = ["design", "--compare", "--vehicle", "van_2021", "--delay", "100"]
     assert main([*arguments, "--json"]) == 0
     hinf, rate, plain = json.loads(capsys.readouterr().out)

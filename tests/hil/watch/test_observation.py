@@ -7,8 +7,8 @@ from rich.console import Console
 from support.bus_frames import frame
 
 import dbc
-from hil.cli.watch import view
-from hil.reaction.fault_codes import FAULT_CODES
+from canroll.cli.watch import view
+from canroll.reaction.fault_codes import FAULT_CODES
 from hil.watch.observation import (
     COMMAND_TO_ACKNOWLEDGEMENT,
     CONTROLLER,

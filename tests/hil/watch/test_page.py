@@ -13,7 +13,7 @@ from support.chromium import PATIENCE, tab
 
 import dbc
 from canroll import run
-from hil.realtime import own_bus
+from hil import own_bus
 from hil.watch.page import live_page
 from plant_sim.can_bus.kernel.layout import DELIVERED
 
@@ -47,7 +47,7 @@ class Watch:
     """``canroll watch --web`` on a bus, as a program."""
 
     def __init__(self, bus):
-        command = [sys.executable, "-m", "hil.cli.main", "watch", "--web", "--port", "0"]
+        command = [sys.executable, "-m", "canroll.cli.main", "watch", "--web", "--port", "0"]
         self.process = subprocess.Popen(
             [*command, *bus.options.split()], stdout=subprocess.PIPE, text=True
         )

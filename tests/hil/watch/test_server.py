@@ -12,9 +12,9 @@ import can
 import pytest
 from support.bus_frames import frame
 
+from canroll.cli.main import main
 from canroll.errors import CanrollError
-from hil.cli.main import main
-from hil.realtime.process import Stop
+from hil.process import Stop
 from hil.watch.observation import Observation
 from hil.watch.onlooker import Onlooker
 

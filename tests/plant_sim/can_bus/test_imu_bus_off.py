@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import dbc
+from canroll.runs import experiment, virtual_time
 from codegen.run.backends import open_backend
-from hil.runs import experiment, virtual_time
 from plant_sim.can_bus import DELIVERED, ERROR, IMU, OUTCOMES, account, load_profile
 from plant_sim.driving import maneuvers
 from plant_sim.faults import parse

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
+from canroll.cli import main
 from canroll.errors import CanrollError
-from hil.cli import main
 from plant_sim.can_bus import load_profile
 from plant_sim.can_bus.delay_bounds import delay_bounds, message_paths
 from plant_sim.can_bus.profiles import routed_messages

@@ -11,8 +11,8 @@ from pathlib import Path
 import can
 import pytest
 
+from canroll.cli.main import main
 from canroll.errors import CanrollError
-from hil.cli.main import main
 from plant_sim.can_bus import NetworkSpec, Segment, build_network
 from plant_sim.can_bus.servers.frames import Mirror
 from plant_sim.can_bus.servers.shared_client import SharedSimBus
@@ -283,7 +283,8 @@ def test_the_interface_is_an_entry_point():
 
 
 def test_the_command_shares_a_set_with_its_programs():
-    command = [sys.executable, "-m", "hil.cli.main", "bus", str(ROOT / "dbc" / "roll_control.dbc")]
+    dbc = str(ROOT / "dbc" / "roll_control.dbc")
+    command = [sys.executable, "-m", "canroll.cli.main", "bus", dbc]
     server = subprocess.Popen(
         [*command, "--share", "0", "--programs", "2"],
         stdout=subprocess.PIPE,

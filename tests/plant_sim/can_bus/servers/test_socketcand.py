@@ -10,9 +10,9 @@ import can
 import pytest
 
 import dbc
+from canroll.cli import bus
+from canroll.cli.main import main
 from canroll.errors import CanrollError
-from hil.cli import bus
-from hil.cli.main import main
 from plant_sim.can_bus.kernel.network import build_network
 from plant_sim.can_bus.servers import socketcand
 from plant_sim.can_bus.servers.socketcand import (

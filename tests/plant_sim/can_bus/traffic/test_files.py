@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 import dbc
+from canroll.cli import bus as command
+from canroll.cli.main import parse
 from canroll.errors import CanrollError, UnknownNameError
-from hil.cli import bus as command
-from hil.cli.main import parse
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
 

@@ -1,0 +1,203 @@
+"""``canroll bus``: load, worst-case and simulated response times, a server for a traffic set."""
+
+import argparse
+import json
+import math
+from dataclasses import replace
+
+from canroll.cli import terminal
+from canroll.cli.bus_parsers import DATABASE, LOG, NETWORK, SET
+from canroll.cli.parser import check_mode
+from canroll.errors import CanrollError, UnknownNameError
+from canroll.network.analysis import Options
+from canroll.network.margins import Request
+from canroll.network.recorded import Added, Log
+from canroll.network.show import parts
+from canroll.network.sources import BusNetwork, Replay, TrafficSet
+from canroll.report.console import Console
+from canroll.setup.choices import CHOICES, check
+from firmware.services.xcp_state import N_ODT
+from hil.hardware.interfaces import is_loopback
+from plant_sim.buses import BUSES
+from plant_sim.can_bus.analysis import ErrorModel
+from plant_sim.can_bus.kernel.network import build_network
+from plant_sim.can_bus.network_file import is_network, load_profile
+from plant_sim.can_bus.servers.frames import Mirror
+from plant_sim.can_bus.servers.shared_server import SharedBus
+from plant_sim.can_bus.servers.wall_clock import serve_network
+from plant_sim.can_bus.simulation import traffic_spec
+from plant_sim.can_bus.traffic.files import Traffic, load_traffic
+from plant_sim.can_bus.traffic.log_name import LogName, log_name
+from plant_sim.can_bus.wire.frame import FD
+
+MAX_PORT = 65535
+
+
+def run(args: argparse.Namespace) -> int:
+    """Analyse, simulate and print; or serve until interrupted."""
+    _check(args)
+    source = open_source(args)
+    if isinstance(source, TrafficSet) and (args.serve, args.share) != (None, None):
+        _serve(source.traffic, args)
+        return 0
+    with terminal.progress(quiet=args.json) as progress:
+        answers = source.analyse(_options(args), progress)
+    for answer in answers:
+        answer.check()
+    if args.json:
+        print(json.dumps(source.as_json(answers), indent=2))
+    else:
+        console = Console(highlight=False, markup=False)
+        for answer in answers:
+            for part in parts(answer):
+                console.print(part)
+    return int(any(answer.failed for answer in answers))
+
+
+def open_source(args: argparse.Namespace) -> TrafficSet | BusNetwork | Log:
+    """Return the log, network or traffic set that FILE names.
+
+    Raises:
+        CanrollError: it cannot be read, or an option does not apply to it.
+    """
+    log = log_name(str(args.file))
+    if log is not None:
+        return _log(log, args)
+    if args.dbc is not None or is_network(str(args.file)):
+        return _network(args)
+    return _traffic_set(args)
+
+
+def _log(log: LogName, args: argparse.Namespace) -> Log:
+    named = log._asdict()
+    del named["path"]
+    for option, value in named.items():
+        given = getattr(args, option)
+        if value is not None and given is not None:
+            raise CanrollError(f"{args.file} has it in its name: omit {_written(option)}")
+        named[option] = given if value is None else value
+    check_mode(args, LOG, file=log.path)
+    check({"dbc": args.dbc, "map": args.map})
+    if args.add is not None and args.dbc is not None:
+        raise CanrollError("--dbc and --add both say what comes onto the bus: omit one")
+    added = Added("canroll", load_profile(str(CHOICES["bus"].default), args.dbc, args.map))
+    if args.add is not None:
+        added = replace(added, name=args.add.name, given=load_traffic(args.add).messages)
+    return Log(log.path, added, section=args.section, **named)
+
+
+def _network(args: argparse.Namespace) -> BusNetwork:
+    check_mode(args, NETWORK, file=args.file)
+    check({"dbc": args.dbc, "map": args.map})
+    profile = load_profile(str(args.file), args.dbc, args.map)
+    if args.xcp is not None:
+        profile = replace(profile, measured=(args.xcp, args.tick))
+    return BusNetwork(args.file.name, profile)
+
+
+def _traffic_set(args: argparse.Namespace) -> TrafficSet:
+    mode = SET if args.file.suffix.lower() == ".toml" else DATABASE
+    # of the log that is replayed
+    logs = () if args.replay is None else ("channel", "section")
+    check_mode(args, mode, but=logs, file=args.file)
+    check({"dbc": args.dbc, "map": args.map})
+    if not args.file.suffix and not args.file.exists():
+        raise UnknownNameError("bus", str(args.file), BUSES)
+    traffic = load_traffic(
+        args.file, bitrate=args.bitrate, data_bitrate=args.data_bitrate, period_ms=args.period
+    )
+    return TrafficSet(
+        args.file.name,
+        traffic,
+        Request(args.offsets, args.sensitivity, args.errors_per_second, args.propose),
+        args.replay and Replay(args.replay, args.channel, args.section),
+    )
+
+
+def _written(option: str) -> str:
+    return f"--{option.replace('_', '-')}"
+
+
+def _options(args: argparse.Namespace) -> Options:
+    errors = None
+    if args.error_interval is not None:
+        errors = ErrorModel(round(args.error_interval * 1e6))
+    return Options(
+        args.sensor,
+        args.command,
+        args.tick,
+        errors,
+        args.simulate,
+        args.seed,
+        args.worst_case_lengths,
+    )
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Refuse values and combinations that no file takes."""
+    for option in ("simulate", "tick", "period", "error_interval", "errors_per_second"):
+        value = getattr(args, option)
+        least = 0.0 if option == "simulate" else 1e-3
+        if value is not None and not (value >= least and math.isfinite(value)):
+            raise CanrollError(f"{_written(option)} must be at least {least:g}, got {value:g}")
+    if args.xcp is not None and not 0 <= args.xcp <= N_ODT:
+        raise CanrollError(f"--xcp must be 0 to {N_ODT} frames, got {args.xcp}")
+    if args.replay is not None and args.simulate <= 0.0:
+        raise CanrollError("--replay needs --simulate above 0")
+    _check_server(args)
+
+
+def _check_server(args: argparse.Namespace) -> None:
+    for option in ("serve", "share"):
+        port = getattr(args, option)
+        if port is not None and not 0 <= port <= MAX_PORT:
+            raise CanrollError(f"--{option} {port}: the port must be 0 to {MAX_PORT}")
+    if args.programs is not None and args.programs < 1:
+        raise CanrollError(f"--programs must be at least 1, got {args.programs}")
+
+
+def _serve(traffic: Traffic, args: argparse.Namespace) -> None:
+    """Run the set in real time, or for programs in lock step."""
+    terminal.show_warnings(traffic.warnings)
+    if not is_loopback(args.host):
+        _say(f"note: anyone who can reach {args.host} can read and write this bus")
+    fd = ", ".join(m.name for m in traffic.messages if m.flags & FD)
+    if fd and args.serve is not None:
+        raise CanrollError(
+            "--serve: neither socketcand nor python-can's client for it supports CAN FD, so"
+            f" {fd} would be missing: use --share --programs N (interface=simbus_shared)"
+        )
+    spec = traffic_spec(
+        traffic.messages,
+        bitrate=traffic.bitrate,
+        data_bitrate=traffic.data_bitrate,
+        seed=args.seed,
+    )
+    network = build_network(spec)
+    if args.serve is not None:
+        serve_network(network, host=args.host, port=args.serve, announce=_say)
+        return
+    mirror = None if args.mirror is None else Mirror(args.mirror)
+    bus = SharedBus(
+        network,
+        programs=args.programs,
+        host=args.host,
+        port=args.share,
+        real_time=args.pace == "realtime",
+        mirror=mirror,
+    )
+    host, port = bus.address
+    _say(f"waiting for {args.programs} programs: interface=simbus_shared, channel={host}:{port}")
+    try:
+        _say(f"the last program left after {bus.run() * 1e-9:g} s of bus time")
+    except KeyboardInterrupt:
+        _say("stopped")
+    finally:
+        if mirror is not None:
+            mirror.close()
+            if mirror.failed:
+                _say(f"{args.mirror} did not accept {mirror.failed} frames")
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)

@@ -1,0 +1,142 @@
+"""The commands: their help lines, where their options are, and their handlers.
+
+Nothing heavy is imported here: a command's module is imported after its options are parsed.
+"""
+
+from dataclasses import dataclass
+from pkgutil import resolve_name
+
+from canroll.cli.options import add_json
+from canroll.cli.parser import Parser
+
+KINDS = ("laws", "vehicles", "scenarios", "options", "buses", "bodies")
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A subcommand.
+
+    ``options``: the "module:function" in this package that adds the options to its parser;
+    ``handler``: that called with the parsed arguments, by default ``run`` of the module named like
+    the command.
+    """
+
+    help: str
+    options: str
+    handler: str = ""
+
+
+def handler(name: str) -> str:
+    """Return "module:function", the handler of a command."""
+    return f"canroll.cli.{COMMANDS[name].handler or name.replace('-', '_') + ':run'}"
+
+
+def parser_of(name: str) -> Parser:
+    """Return the parser of a subcommand."""
+    parser = Parser(prog=f"canroll {name}")
+    resolve_name(f"canroll.cli.{COMMANDS[name].options}")(parser)
+    return parser
+
+
+def completion(parser: Parser) -> None:
+    """Options of ``canroll completion``."""
+    parser.description = (
+        "Print a script that completes commands, options and names: "
+        "source <(canroll completion bash)"
+    )
+    parser.add_argument("shell", choices=("bash", "zsh", "tcsh"))
+
+
+def listing(parser: Parser) -> None:
+    """Options of ``canroll list``."""
+    parser.description = (
+        "List all names of a kind: built in, or from an installed package's entry points. "
+        "Laws, scenarios, buses and bodies can also be named as file.py:name or module:name."
+    )
+    parser.add_argument("kind", choices=KINDS, metavar="KIND", help=", ".join(KINDS))
+    add_json(parser)
+
+
+COMMANDS = {
+    "run": Command("run a manoeuvre in virtual time, with and without control", "run_parsers:run"),
+    "compare": Command("compare several runs or laws on one page", "run_parsers:compare"),
+    "report": Command(
+        "evaluate a saved run again and write its page", "run_parsers:report", handler="run:report"
+    ),
+    "sweep": Command(
+        "run over a range of speeds or over several laws",
+        "run_parsers:sweep",
+        handler="compare:sweep",
+    ),
+    "limit": Command(
+        "highest speed at which a manoeuvre passes",
+        "run_parsers:limit",
+        handler="vehicle_tests:limit",
+    ),
+    "understeer": Command(
+        "understeer and roll gradient on a circle (ISO 4138)",
+        "run_parsers:understeer",
+        handler="vehicle_tests:understeer",
+    ),
+    "vehicle": Command(
+        "a vehicle file from mass and size; a vehicle beside its class", "run_parsers:vehicle"
+    ),
+    "fit": Command("a vehicle's numbers from a measured drive", "run_parsers:fit"),
+    "response": Command(
+        "yaw and roll frequency response to steering (ISO 7401)",
+        "run_parsers:response",
+        handler="vehicle_tests:response",
+    ),
+    "design": Command("design a controller and write its calibration", "design_parsers:design"),
+    "margins": Command(
+        "verify a calibration independently of its design", "design_parsers:margins"
+    ),
+    "certify": Command(
+        "prove a calibration stable for every sequence of delays", "design_parsers:certify"
+    ),
+    "bus": Command("bus load, response times and a bus server", "bus_parsers:bus"),
+    "hil": Command("run ECU and plant as two processes in real time", "bus_parsers:hil"),
+    "ecu": Command("the ECU alone, on any python-can interface", "bus_parsers:ecu"),
+    "plant": Command("the vehicle alone, on any python-can interface", "bus_parsers:plant"),
+    "watch": Command("watch the roll controller from the bus", "bus_parsers:watch"),
+    "export-c": Command(
+        "export the controller as C99 with test vectors", "design_parsers:export_c"
+    ),
+    "export-fmu": Command(
+        "export ECU, plant or bus as an FMU (FMI 3.0)",
+        "design_parsers:export_fmu",
+        handler="export_fmu:run",
+    ),
+    "timing": Command(
+        "instructions, stack and sizes on the target; budget verdict", "design_parsers:timing"
+    ),
+    "prove": Command(
+        "prove the loop free of overflow for every accepted calibration", "design_parsers:prove"
+    ),
+    "reproduce": Command("recompute the tables of the four papers", "study_parsers:reproduce"),
+    "campaign": Command(
+        "Monte Carlo over parameters, noise, delays and faults", "study_parsers:campaign"
+    ),
+    "faults": Command(
+        "drive and judge a catalogue of faults",
+        "study_parsers:faults",
+        handler="faults:run",
+    ),
+    "attacks": Command(
+        "attackers on the bus, without authentication and with it",
+        "bus_parsers:attacks",
+        handler="attacks:run",
+    ),
+    "severe": Command(
+        "severe manoeuvres over a population of vehicles",
+        "study_parsers:severe",
+        "vehicle_tests:severe",
+    ),
+    "completion": Command("script for the completion of a shell", "commands:completion"),
+    "list": Command(
+        "laws, vehicles, scenarios and their options, buses and bodies by name",
+        "commands:listing",
+        handler="main:list_names",
+    ),
+}
+"""Every subcommand by its name."""

@@ -1,0 +1,202 @@
+"""``canroll design``: a law for a vehicle, verified and written as calibration.toml and C."""
+
+import argparse
+import json
+from dataclasses import replace
+from math import isfinite
+
+from canroll.cli import design_view, terminal
+from canroll.cli.cases import driven
+from canroll.cli.design_parsers import DEFAULT_DELAY_MS
+from canroll.cli.options import (
+    DEFAULT_OUT,
+    DEFAULT_SCENARIO,
+    choices_of,
+)
+from canroll.errors import CanrollError, writing
+from canroll.setup.bus_frames import profile_of
+from canroll.setup.choices import check as check_choices
+from canroll.setup.choices import chosen
+from canroll.setup.controller import options_of, stage_of, task_of
+from canroll.studies import equal_effort, variation
+from codegen.export.header import gains_header
+from codegen.generated import own_stage
+from gain_gen.calibration import calibration_file
+from gain_gen.calibration.freeze import calibrate, physical_notes, summary, title
+from gain_gen.calibration.quantise import Options
+from gain_gen.design import design
+from gain_gen.laws import LAWS
+from gain_gen.models.task import Check, Delay, Design, Task
+from gain_gen.monitors.detectability import Detectable, detectable
+from gain_gen.monitors.residuals import bank_of
+from gain_gen.monitors.uncertainty import Uncertainty
+
+LARGEST_EFFORT = 20_000.0
+"""N·m; no actuator's message carries more."""
+
+
+def design_task(args: argparse.Namespace) -> Task:
+    """Return the design task that the options describe.
+
+    Raises:
+        CanrollError: an unknown vehicle, or invalid delays.
+    """
+    choices = choices_of(args)
+    check_choices(choices)
+    task = task_of(choices, delay_of(args))
+    return replace(task, gamma_target=args.gamma)
+
+
+def delay_of(args: argparse.Namespace) -> Delay | None:
+    """Return the delay given in ms; None for that of the named bus.
+
+    A ``--dbc`` without ``--bus`` uses the default bus.
+    """
+    if args.bus is not None or args.dbc is not None:
+        return None
+    most = 1e-3 * (DEFAULT_DELAY_MS if args.delay is None else args.delay)
+    least = most if args.delay_min is None else 1e-3 * args.delay_min
+    if not 0.0 <= least <= most:
+        raise CanrollError(f"--delay {1e3 * most:g} must not be negative nor below --delay-min")
+    return Delay(0.5 * (least + most), least, most)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Design, write and report; 1 for an as-printed law that fails a check, else 0."""
+    if args.compare:
+        return compare(args)
+    choices = choices_of(args)
+    stage = stage_of({}, choices)
+    answer = design(chosen(choices, "law"), design_task(args))
+    options = options_of(choices)
+    record, tables = calibrate(answer, options)
+    checks = {name: Check(**found) for name, found in tables["verification"].items()}
+    of_bus = profile_of(choices).warnings
+    answer = replace(answer, verified=checks, warnings=(*of_bus, *tables["design"]["warnings"]))
+    out = args.out or DEFAULT_OUT
+    files = [out / "calibration.toml", out / "canroll_gains.h"]
+    calibration_file.save(files[0], record, own_stage.added(tables, stage))
+    header = gains_header(record, title=title(answer), physical=physical_notes(record))
+    with writing(files[1]):
+        files[1].write_text(header, encoding="utf-8")
+    if args.json:
+        faults = [row.to_json() for row in faults_of(answer.task, options)]
+        written = {"detectability": faults, "files": [str(path) for path in files]}
+        print(json.dumps(summary(answer) | written))
+    else:
+        show(answer)
+        if args.verbose:
+            print()
+            terminal.show_table(design_view.others(answer))
+            print(f"\n{design_view.DETECTABILITY}")
+            terminal.show_table(design_view.detectability(faults_of(answer.task, options)))
+        print(f"written: {', '.join(str(path) for path in files)}")
+    return 1 if answer.failures else 0
+
+
+def faults_of(task: Task, options: Options) -> tuple[Detectable, ...]:
+    """Return what of constant faults can be found with the signals that a design receives."""
+    moments = task.actuator in ("suspension", "bars") and options.moment_reported
+    bank = bank_of(task, Uncertainty(), suspension=options.response_watch, moments=moments)
+    return detectable(bank, task.vehicle)
+
+
+def show(answer: Design) -> None:
+    """Print gains, checks and warnings of a design."""
+    print("\n".join((*design_view.head(answer), "")))
+    terminal.show_table(design_view.checks(answer))
+    if not answer.is_verified:
+        print("NOT VERIFIED: written for comparison only")
+    terminal.show_warnings(answer.warnings)
+
+
+def compare(args: argparse.Namespace) -> int:
+    """Design every law for one task and print one line or object each."""
+    if args.runs is not None:
+        return drive_all(args)
+    task = design_task(args)
+    answers: dict[str, Design | CanrollError] = {}
+    for law in LAWS:
+        if law == "custom":
+            continue
+        try:
+            answers[law] = design(law, task)
+        except CanrollError as refused:
+            answers[law] = refused
+    if args.json:
+        print(
+            json.dumps(
+                [
+                    summary(answer)
+                    if isinstance(answer, Design)
+                    else {"law": law, "refused": str(answer)}
+                    for law, answer in answers.items()
+                ]
+            )
+        )
+        return 0
+    print(
+        f"{task.vehicle.name}, {task.actuator}, tick {1e3 * task.tick:g} ms, delay "
+        f"{1e3 * task.delay.least:.4g} to {1e3 * task.delay.most:.4g} ms from sample to force"
+    )
+    columns = ("roll rms", "box", "delay ms", "gain dB", "Ms")
+    widths = (9, 7, 10, 9, 7)
+    print(f"{'law':<18}" + "".join(f"{c:>{w}}" for c, w in zip(columns, widths, strict=True)))
+    for law, answer in answers.items():
+        if isinstance(answer, CanrollError):
+            print(f"{law:<18} refused: {answer}")
+            continue
+        print(_line(answer))
+    return 0
+
+
+def _line(answer: Design) -> str:
+    """Return one row of the comparison."""
+
+    def number(name: str, digits: int) -> str:
+        value = answer.margins.get(name, float("inf"))
+        return f"{value:.{digits}f}" if isfinite(value) else "any"
+
+    def worst(name: str, digits: int) -> str:
+        check = answer.verified.get(name)
+        if check is None:
+            return ""
+        return f"{check.value:.{digits}f}" if isfinite(check.value) else "any"
+
+    delay = f"{1e3 * answer.max_delay:.0f}" if isfinite(answer.max_delay) else "any"
+    return (
+        f"{answer.law:<18}{number('roll_rms_ratio_nominal_delay', 3):>9}"
+        f"{number('box_roll_rms_ratio', 3):>7}{delay:>10}"
+        f"{worst('gain_margin_db', 1):>9}{worst('peak_sensitivity', 2):>7}"
+    )
+
+
+def drive_all(args: argparse.Namespace) -> int:
+    """Drive every law over the simulated bus at equal effort and print the table."""
+    choices = choices_of(args)
+    scenario = args.scenario or DEFAULT_SCENARIO
+    if args.effort is not None and not 1.0 <= args.effort <= LARGEST_EFFORT:
+        raise CanrollError(
+            f"--effort {args.effort:g}: must be 1 to {LARGEST_EFFORT:g} N·m of RMS moment"
+        )
+    with driven(args, args.out) as cases:
+        found = equal_effort.compare(
+            scenario,
+            vehicle=chosen(choices, "vehicle"),
+            bus=chosen(choices, "bus"),
+            runs=args.runs,
+            effort=args.effort or equal_effort.half_upright(scenario, **choices),
+            spread=variation.spread_from(dict(args.spread)),
+            conditions={k: v for k, v in choices.items() if k not in ("vehicle", "bus")},
+            cases=cases,
+        )
+    if args.json:
+        print(json.dumps(equal_effort.to_json(found)))
+    else:
+        print(
+            f"{found.scenario}, {found.vehicle}, {chosen(choices, 'actuator')}, plant "
+            f"{chosen(choices, 'plant')}, bus {found.bus}, {found.runs} vehicles, "
+            f"RMS moment {found.budget:.0f} N·m for all, reference {found.reference}"
+        )
+        print("\n".join(equal_effort.table(found)))
+    return 0

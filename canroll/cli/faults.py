@@ -1,0 +1,82 @@
+"""``canroll faults``: the catalogue of faults, driven and judged."""
+
+import argparse
+import json
+from collections.abc import Iterator, Sequence
+
+from canroll.cli import terminal
+from canroll.cli.cases import driven
+from canroll.cli.options import choices_of
+from canroll.report.run_folder import write_page
+from canroll.report.staging import page_folder
+from canroll.studies import fault_study
+from canroll.studies.fault_catalogue import CATALOGUE
+from canroll.studies.fault_study import Coverage, Judged
+
+
+def run(args: argparse.Namespace) -> int:
+    """Drive the catalogue and print its table; 1 if anything harmful goes undetected."""
+    out = page_folder(args.out)
+    with driven(args, out) as cases:
+        found = fault_study.study(
+            args.scenario, catalogue=args.catalogue or CATALOGUE, cases=cases, **choices_of(args)
+        )
+    data = write_page(out, "faults", {}, found.to_json())
+    if args.json:
+        print(json.dumps(data))
+        return found.exit_code
+    settings = found.settings
+    print(
+        f"{settings.scenario.replace('_', ' ')}, {settings.vehicle.name} at "
+        f"{settings.speed * 3.6:.0f} km/h, {settings.law_name} with {settings.actuator} over "
+        f"{settings.bus_name}"
+    )
+    terminal.show_verdict(found.verdict, good=not found.exit_code)
+    print("\n" + "\n".join(coverage_lines(found.coverage)))
+    others = [f for f in found.faults if f.as_expected is False and not f.harmful]
+    parts: dict[str, Sequence[Judged]] = {
+        "Harmful and not detected": found.undetected,
+        "Harmful, detected": [f for f in found.faults if f.harmful and f.detected],
+        "Other than expected": others,
+        "No verdict is possible": [f for f in found.faults if f.no_verdict],
+    }
+    for title, faults in ({"All faults": found.faults} if args.all else parts).items():
+        if faults:
+            print(f"\n{title}:")
+            print("\n".join(f"  {line(fault)}" for fault in faults))
+    return found.exit_code
+
+
+def line(fault: Judged) -> str:
+    """Return what happened, in one line."""
+    seen = fault.reaction
+    if fault.no_verdict or seen is None:
+        return f"{fault.entry.name}: {fault.no_verdict}"
+    found = "not detected"
+    if seen.detected_after is not None:
+        found = f"{seen.detected_by} after {1e3 * seen.detected_after:.0f} ms, {seen.mode}"
+    expected = f" (expected: {f'{fault.entry.expect} {fault.entry.mode}'.strip()})"
+    harm = "no harm"
+    if seen.harm_after is not None:
+        harm = f"{'; '.join(seen.harm)}, harm after {1e3 * seen.harm_after:.0f} ms"
+    return f"{fault.entry.name}: {found}{'' if fault.as_expected else expected}; {harm}"
+
+
+def coverage_lines(coverage: Sequence[Coverage]) -> Iterator[str]:
+    """Yield the diagnostic coverage by group as a table; missed: harmful and not detected."""
+    head = ("", "faults", "detected", "harmful", "in time", "missed", "coverage")
+    rows: list[tuple[str, ...]] = [(*head, "median (ms)", "most (ms)")]
+    rows += [
+        (
+            of.group,
+            *(str(n) for n in (of.faults, of.detected, of.harmful, of.in_time)),
+            str(of.undetected_harm),
+            "" if of.coverage is None else f"{100 * of.coverage:.0f} %",
+            *("" if t is None else f"{1e3 * t:.0f}" for t in (of.median_s, of.most_s)),
+        )
+        for of in coverage
+    ]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    for name, *cells in rows:
+        numbers = (f"{cell:>{width}}" for cell, width in zip(cells, widths[1:], strict=True))
+        yield f"{name:<{widths[0]}}  {'  '.join(numbers)}".rstrip()

@@ -1,0 +1,147 @@
+"""``canroll margins``: margins of a calibration's integers, as tables and a picture."""
+
+import argparse
+import json
+import sys
+from collections.abc import Iterable, Sequence
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import vehicles
+from canroll.cli import terminal
+from canroll.errors import writing
+from gain_gen.analysis.family import FamilyMargins
+from gain_gen.analysis.margins import Margins
+from gain_gen.calibration import calibration_file
+from gain_gen.design import UNVERIFIED
+from gain_gen.margin_report import MarginReport, Point, admits, margin_report, to_json
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def run(args: argparse.Namespace) -> int:
+    """Analyse and report; 0 if the loop has its margins on the whole family, else 1."""
+    calibration = calibration_file.load(args.calibration)
+    note = vehicles.note_of_change(calibration.vehicle, "calibration")
+    if note:
+        print(f"note: {note}", file=sys.stderr)
+    report = margin_report(calibration)
+    if args.out is not None:
+        picture = args.out / "margins.png"
+        draw(report, picture)
+    if args.json:
+        stage = None if calibration.stage is None else calibration.stage.name
+        marks: dict[str, Any] = {"without_stage": stage, "verified": calibration.verified}
+        marks["failed"] = calibration.failed
+        print(json.dumps(to_json(report) | marks))
+    else:
+        if calibration.stage is not None:
+            terminal.show_warnings([without(calibration.stage.file)])
+        if not calibration.verified:
+            terminal.show_warnings(t for t in calibration.warnings if t.startswith(UNVERIFIED))
+        print("\n".join(lines(report)))
+        if args.out is not None:
+            print(f"written: {picture}")
+    return 0 if admits(report) else 1
+
+
+def without(stage: str) -> str:
+    """Note on what the margins do not cover if a calibration has a user's stage."""
+    return (
+        f"the margins are those of the law without the stage {stage}: a stage that multiplies its "
+        "moment has them while the factor stays within the gains that are stable below; judge "
+        "anything else by runs"
+    )
+
+
+def lines(report: MarginReport) -> Iterable[str]:
+    """Yield the tables as text."""
+    delay = report.delay
+    yield (
+        f"{report.law} for {report.vehicle}: designed for {1e3 * delay.least:.4g} to "
+        f"{1e3 * delay.most:.4g} ms from sample to force, stable for {_delay(report.max_delay)}"
+    )
+    if report.note:
+        yield f"warning: {report.note}"
+    yield from ("", f"{'worst over all delays':<52} {'gain dB':>8} {'Ms':>7} {'at ms':>7}")
+    conditions = dict.fromkeys(row.condition for row in report.family.rows)
+    for condition in conditions:
+        rows = FamilyMargins(tuple(row for row in report.family.rows if row.condition == condition))
+        gain, peak = rows.worst_gain, rows.worst_sensitivity
+        yield (
+            f"{condition!s:<52} {_number(gain.margins.gain_db):>8} "
+            f"{_peak(peak.margins):>7} {1e3 * peak.delay:7.1f}"
+        )
+    for name, check in report.checks.items():
+        verdict = "ok" if check.ok else "FAILS"
+        yield f"{name}: {check.value:.4g} against {check.limit:g}  {verdict} ({check.where})"
+    header = f"{'':>12} {'peak':>8} {'gain dB':>8} {'phase':>7} {'Ms':>8}"
+    yield from ("", f"over delay, {next(iter(conditions))}", header)
+    for point in report.over_delay:
+        yield _row(f"{1e3 * point.delay:.0f} ms", point)
+    yield from ("", f"over gain, delay {1e3 * delay.nominal:.4g} ms", header)
+    for point in report.over_gain:
+        yield _row(f"x {point.gain_factor:g}", point)
+
+
+def _delay(seconds: float) -> str:
+    return f"delays up to {_number(1e3 * seconds)} ms" if isfinite(seconds) else "any delay"
+
+
+def _row(label: str, point: Point) -> str:
+    found = point.margins
+    if not point.stable:
+        return f"{label:>12} unstable"
+    return (
+        f"{label:>12} {point.peak:8.4f} {_number(found.gain_db):>8} "
+        f"{_number(found.phase_deg):>7} {_peak(found):>8}"
+    )
+
+
+def _number(value: float) -> str:
+    return f"{value:.1f}" if isfinite(value) else "any" if value > 0.0 else "none"
+
+
+def _peak(found: Margins) -> str:
+    return f"{found.sensitivity:.2f}" if isfinite(found.sensitivity) else "unstable"
+
+
+def draw(report: MarginReport, path: Path) -> None:
+    """Write the figure: Nyquist curves by delay, roll over delay, roll over gain.
+
+    Raises:
+        CanrollError: the file cannot be written.
+    """
+    from matplotlib.figure import Figure  # noqa: PLC0415 - half a second that only this needs
+
+    figure = Figure(figsize=(13, 4.2), layout="constrained")
+    nyquist, delay, gain = figure.subplots(1, 3)
+    for seconds, curve in report.loop.items():
+        nyquist.plot(curve.real, curve.imag, label=f"{1e3 * seconds:g} ms")
+    nyquist.plot([-1.0], [0.0], "k+", markersize=12)
+    nyquist.set(title="loop gain, Nyquist", xlabel="real", ylabel="imaginary")
+    nyquist.set(xlim=(-2.2, 2.2), ylim=(-2.2, 2.2), aspect="equal")
+    nyquist.legend(title="delay")
+    _curve(delay, [1e3 * p.delay for p in report.over_delay], report.over_delay)
+    _curve(gain, [p.gain_factor for p in report.over_gain], report.over_gain)
+    delay.set_xlabel("delay from sample to force, ms")
+    gain.set_xlabel("factor on the gain")
+    delay.set_title("over delay (red: unstable)")
+    gain.set_title("over gain (red: unstable)")
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=110)
+
+
+def _curve(axes: "Axes", at: list[float], points: Sequence[Point]) -> None:
+    """Draw the peak response over one parameter, with a red line where the loop is unstable."""
+    stable = [(x, point.peak) for x, point in zip(at, points, strict=True) if point.stable]
+    axes.plot([x for x, _ in stable], [peak for _, peak in stable], "o-", label="controlled")
+    axes.axhline(1.0, color="grey", linestyle="--", label="without control")
+    for x, point in zip(at, points, strict=True):
+        if not point.stable:
+            axes.axvline(x, color="tab:red", alpha=0.25)
+    axes.set(ylabel="peak of roll over roll moment, relative", ylim=(0.0, None))
+    axes.legend()

@@ -1,0 +1,322 @@
+"""Options shared by several commands: the choices of a run, and its output files."""
+
+import argparse
+import os
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import vehicles
+from canroll.cli.parser import Parser, Relations
+from canroll.errors import CanrollError, UnknownNameError
+from canroll.setup.choice import Choice, one_or_several, several
+from canroll.setup.choices import CHOICES, chosen
+from codegen.run import SERVICES
+from plant_sim.driving import MANEUVERS
+
+DEFAULT_OUT = Path("out")
+VEHICLE_SET = "--vehicle-set"
+DEFAULT_SCENARIO = "double_lane_change"
+METAVARS = {"km/h": "KMH", "ms": "MS", "s": "S"}
+PATTERNS = {"faults": "WHERE=KIND[:VALUE][@START[:END[:RAMP]]]"}
+NODES = ("faults", "fault_file", "conditions")
+OF_A_RUN = tuple(name for name in CHOICES if name != "duration")
+"""Choices of vehicle, controller and bus."""
+
+
+def not_empty(text: str) -> str:
+    """Return the value of an option; "" is refused."""
+    if not text:
+        raise argparse.ArgumentTypeError("must not be empty")
+    return text
+
+
+def path_named(text: str) -> Path:
+    """Return the path given by an option; "" is refused, as it would mean the current folder."""
+    return Path(not_empty(text))
+
+
+def key_value(text: str) -> tuple[str, str]:
+    """Return key and value of "key=value"."""
+    if "=" not in text:
+        raise CanrollError(f"{text}: expected key=value")
+    key, _, value = text.partition("=")
+    return key, value
+
+
+def scenario(text: str) -> str:
+    """Return the name of a manoeuvre."""
+    if text not in MANEUVERS:
+        raise UnknownNameError("scenario", text, MANEUVERS)
+    return text
+
+
+def add_scenario(parser: Parser, default: str = "") -> None:
+    """Add the manoeuvre argument; required without a default."""
+    names = ", ".join(MANEUVERS)
+    if default:
+        parser.add_argument(
+            "scenario",
+            nargs="?",
+            type=scenario,
+            default=default,
+            help=f"{names} (default: {default})",
+        )
+    else:
+        parser.add_argument("scenario", type=scenario, help=names)
+
+
+def add_choices(
+    parser: Parser,
+    names: Iterable[str] = OF_A_RUN,
+    *,
+    several: Collection[str] = (),
+    defaults: Mapping[str, Any] | None = None,
+) -> None:
+    """Add the options of choices of a run.
+
+    Args:
+        parser: the command's parser.
+        names: names of the choices.
+        several: choices that accept several names separated by commas.
+        defaults: defaults of this command that differ from the table's.
+    """
+    group = parser.add_argument_group("sensors and actuators")
+    own = defaults or {}
+    for name in names:
+        choice = CHOICES[name]
+        if name in own:
+            choice = replace(choice, default=own[name])
+        _add(group if name in NODES else parser, choice, listed=name in several)
+        parser.relate(Relations(excludes=choice.excludes), name)
+        parser.set_defaults(**{name: own.get(name)})
+        if name == "vehicle":
+            parser.add_argument(
+                VEHICLE_SET,
+                action="append",
+                type=key_value,
+                metavar="KEY=VALUE",
+                help="another number of the vehicle, such as plant.sprung_mass=2500; may be "
+                "repeated",
+            )
+
+
+def _add(parser: "Parser | argparse._ArgumentGroup", choice: Choice, *, listed: bool) -> None:
+    add = partial(parser.add_argument, choice.option, dest=choice.name)
+    if choice.kind is bool:
+        add(action="store_false" if choice.default else "store_true", help=choice.help)
+    elif choice.kind in (Mapping, Sequence):
+        metavar = PATTERNS.get(choice.name, "KEY=VALUE")
+        kind = key_value if choice.kind is Mapping else not_empty
+        add(action="append", type=kind, metavar=metavar, help=choice.help)
+    elif choice.kind in (float, int):
+        metavar = METAVARS.get(choice.unit, choice.word.upper())
+        add(type=choice.kind, metavar=metavar, help=_help(choice))
+    else:
+        metavar = "FILE" if choice.kind is Path else choice.word.upper()
+        if listed:
+            metavar += ",…"
+        add(
+            type=partial(_read, choice, listed=listed),
+            action=_Again if choice.repeated else "store",
+            metavar=metavar,
+            help=_help(choice),
+        )
+
+
+class _Again(argparse.Action):
+    """Keep one value as it is, several as a tuple."""
+
+    def __call__(self, _parser: object, args: argparse.Namespace, value: Any, _: object) -> None:  # type: ignore[override]  # noqa: ANN401
+        before = getattr(args, self.dest)
+        given = (value,) if before is None else (*several(before), value)
+        setattr(args, self.dest, one_or_several(given))
+
+
+def _read(choice: Choice, text: str, *, listed: bool) -> Any:  # noqa: ANN401
+    return [choice.read(part) for part in text.split(",")] if listed else choice.read(text)
+
+
+def _help(choice: Choice) -> str:
+    names = ", ".join(choice.values())
+    text = f"{choice.help}: {names}" if names else choice.help
+    return text if choice.default is None else f"{text} (default: {_shown(choice.default)})"
+
+
+def _shown(default: Any) -> str:  # noqa: ANN401
+    return f"{default:g}" if isinstance(default, float) else str(default)
+
+
+def add_services(parser: Parser) -> None:
+    """Add the services beside the loop."""
+    parser.add_argument(
+        "--xcp", action="store_true", help="with XCP: measure, calibrate, change pages"
+    )
+    parser.add_argument(
+        "--uds", action="store_true", help="with diagnostics: fault codes and data by UDS"
+    )
+
+
+def chosen_services(args: argparse.Namespace) -> tuple[str, ...]:
+    """Return the services beside the loop that were chosen."""
+    return tuple(name for name in SERVICES if getattr(args, name))
+
+
+def _by_key(option: str, pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
+    """Return the pairs as a dictionary; a key given twice is refused."""
+    found: dict[str, str] = {}
+    for key, value in pairs:
+        if key in found:
+            raise CanrollError(f"{option} {key}: given twice: keep {found[key]} or {value}")
+        found[key] = value
+    return found
+
+
+def choices_of(args: argparse.Namespace, names: Iterable[str] = CHOICES) -> dict[str, Any]:
+    """Return the given values of the choices ``names``, by keyword.
+
+    Raises:
+        CanrollError: an invalid number.
+    """
+    given = {name: getattr(args, name, None) for name in names}
+    for name in given.keys() & {"options", "conditions"}:
+        given[name] = _by_key(CHOICES[name].option, given[name] or ()) or None
+    found = {name: value for name, value in given.items() if value is not None}
+    if "vehicle" in given and getattr(args, "vehicle_set", None):
+        found["vehicle"] = _changed(found, args.vehicle_set)
+    for name, value in found.items():
+        if CHOICES[name].kind in (float, int) and not isinstance(value, list):
+            CHOICES[name].check(value)
+    return found
+
+
+def _changed(choices: Mapping[str, Any], changes: Sequence[tuple[str, str]]) -> vehicles.Vehicle:
+    """Return the chosen vehicle with the numbers of ``--vehicle-set``.
+
+    Raises:
+        CanrollError: no such key, a key given twice, no number, or a calibration is chosen.
+    """
+    if choices.get("calibration") is not None:
+        raise CanrollError(
+            f"--calibration fixes the vehicle: omit {VEHICLE_SET}, or drive another one with "
+            "--plant-vehicle"
+        )
+    numbers: dict[str, float] = {}
+    for key, text in changes:
+        if key in numbers:
+            raise CanrollError(f"{VEHICLE_SET} {key} is given twice: give it once")
+        try:
+            numbers[key] = float(text)
+        except ValueError as error:
+            raise CanrollError(f"{VEHICLE_SET} {key}={text}: {text!r} is not a number") from error
+    return vehicles.load(chosen(choices, "vehicle")).replace(numbers)
+
+
+EXECUTION = ("jobs", "scheduler", "resume", "only")
+"""Options of :func:`add_execution`."""
+ONE_CASE = "--only drives one case"
+
+
+def add_execution(parser: Parser, case: str, *without: str) -> None:
+    """Add how the cases of a study are driven, of which ``case`` N is one, except ``without``."""
+    parser.set_defaults(jobs=os.cpu_count() or 1, scheduler="local", resume=False, only=None)
+    one = {} if "only" in without else {"only": ONE_CASE}
+    options: dict[str, dict[str, Any]] = {
+        "jobs": {"type": _processes, "metavar": "N", "help": "processes (default: all cores)"},
+        "scheduler": {
+            "excludes": one,
+            "type": _scheduler,
+            "metavar": "ADDRESS",
+            "help": "local processes, or a Dask scheduler, tcp://HOST:PORT (default: %(default)s)",
+        },
+        "resume": {
+            "excludes": one,
+            "action": "store_true",
+            "help": "continue from what the output folder has",
+        },
+        "only": {"type": int, "metavar": "N", "help": f"drive {case} N alone, counted from 0"},
+    }
+    for name, keywords in options.items():
+        if name not in without:
+            parser.add_argument(f"--{name}", **keywords)
+
+
+def add_spread(parser: Parser) -> None:
+    """Add the option for the spread of a vehicle population."""
+    parser.add_argument(
+        "--spread",
+        action="append",
+        type=key_value,
+        default=[],
+        metavar="QUANTITY=SHARE",
+        help="half-width of the range of a quantity, e.g. roll_stiffness=0.3; 0: not varied. "
+        "Default: 0.2 of roll_inertia, roll_damping, roll_stiffness, sprung_mass, "
+        "cg_height_above_roll_axis and estimate_error, 0.1 of cornering_stiffness and friction, "
+        "0 of speed; may be repeated",
+    )
+
+
+def _processes(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise CanrollError(f"--jobs must be at least 1, got {text}")
+    return int(text)
+
+
+def _scheduler(text: str) -> str:
+    if text != "local" and "://" not in text:
+        raise CanrollError(f"--scheduler {text}: must be local or an address, e.g. tcp://host:8786")
+    return text
+
+
+def add_recording(parser: Parser) -> None:
+    """Add the options for the files of bus log and signals."""
+    parser.add_argument(
+        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4 .pcap .pcapng"
+    )
+    parser.add_argument(
+        "--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4 .parquet .mcap"
+    )
+
+
+def add_json(parser: Parser) -> None:
+    """Add the option --json."""
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def add_verbose(parser: Parser, more: str) -> None:
+    """Add --verbose, which prints ``more``."""
+    parser.add_argument(
+        "--verbose",
+        excludes={"json": "--json has everything"},
+        action="store_true",
+        help=f"print {more} too",
+    )
+
+
+def add_answer(parser: Parser, files: str) -> None:
+    """Add --out for the result ``files``, and --json."""
+    parser.add_argument(
+        "--out", type=path_named, metavar="DIR", help=f"folder for {files} (default: out)"
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print one JSON object; files only with --out"
+    )
+
+
+def add_numbers(parser: Parser) -> None:
+    """Add --out for the numbers of a study, and --json."""
+    parser.add_argument(
+        "--out",
+        type=path_named,
+        metavar="DIR",
+        help="folder for the numbers as JSON, and for finished cases until then",
+    )
+    add_json(parser)
+
+
+def folder_of(args: argparse.Namespace) -> Path | None:
+    """Return the output folder; None if no files are written."""
+    out: Path | None = args.out
+    return out or (None if args.json else DEFAULT_OUT)

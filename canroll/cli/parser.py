@@ -1,0 +1,199 @@
+"""The parser of a command: each option says what it needs, what it excludes, and where it applies.
+
+An option is given where it is on the command line, whatever its value. Relations are declared where
+the option is: ``parser.add_argument("--ticks", needs=("bound",))``. A condition is the destination
+of another option, ``"bound"``: that it is given; or ``"pace=lockstep"``: that it has this value.
+"""
+
+import argparse
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NoReturn
+
+from canroll.errors import CanrollError
+from canroll.setup.choices import CHOICES
+
+RARE = frozenset(choice.name for choice in CHOICES.values() if choice.rare)
+
+
+class UsageError(CanrollError):
+    """The command line could not be understood."""
+
+
+@dataclass(frozen=True, slots=True)
+class Relations:
+    """What an option has to do with others.
+
+    Attributes:
+        needs: conditions of which one has to hold, or the option has no effect.
+        why: what it belongs to, in words; by default the options of ``needs``.
+        excludes: conditions that may not hold, and why.
+        only: modes of the command in which it has an effect, see :func:`check_mode`; none: all.
+        outside: what to say of it in another mode, after its name.
+    """
+
+    needs: tuple[str, ...] = ()
+    why: str = ""
+    excludes: Mapping[str, str] = field(default_factory=dict)
+    only: tuple[str, ...] = ()
+    outside: str = ""
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line that refers to ``--help``.
+
+    Options have one spelling, as command lines are read and written again. ``--help`` leaves out
+    the rare ones.
+    """
+
+    def __init__(self, **options: Any) -> None:  # noqa: ANN401
+        self.relations: dict[str, Relations] = {}
+        self._given: set[str] = set()
+        super().__init__(**{**options, "allow_abbrev": False})
+        self.add_argument("--help-all", action=_HelpAll, help="show the rare options too")
+
+    def add_argument(
+        self,
+        *names: Any,  # noqa: ANN401
+        needs: Sequence[str] = (),
+        why: str = "",
+        excludes: Mapping[str, str] | None = None,
+        only: Sequence[str] = (),
+        outside: str = "",
+        **options: Any,  # noqa: ANN401
+    ) -> argparse.Action:
+        """Add an option with its :class:`Relations`; the rest is that of argparse."""
+        action = super().add_argument(*names, **options)
+        relations = Relations(tuple(needs), why, excludes or {}, tuple(only), outside)
+        if relations != Relations():
+            self.relate(relations, action.dest)
+        return action
+
+    def relate(self, relations: Relations, *names: str) -> None:
+        """Declare relations of options that are there, by their destinations."""
+        for name in names:
+            before = self.relations.get(name, Relations())
+            self.relations[name] = Relations(
+                relations.needs or before.needs,
+                relations.why or before.why,
+                {**before.excludes, **relations.excludes},
+                relations.only or before.only,
+                relations.outside or before.outside,
+            )
+
+    def read(self, words: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
+        """Return the parsed words and those that are unknown.
+
+        The result has the destinations of the options that are given as ``given``, and the parser
+        as ``parser``.
+
+        Raises:
+            UsageError: a wrong option.
+            CanrollError: an option that would have no effect beside another.
+        """
+        self._given.clear()
+        namespace, unknown = self.parse_known_args(words)
+        namespace.given, namespace.parser = frozenset(self._given), self
+        if not unknown:
+            self._check(namespace)
+        return namespace, unknown
+
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:  # noqa: ANN401
+        # argparse asks for the values of each option that it meets on the command line
+        if action.option_strings:
+            self._given.add(action.dest)
+        return super()._get_values(action, arg_strings)
+
+    def _check(self, namespace: argparse.Namespace) -> None:
+        """Refuse what would have no effect beside the other options."""
+        for name in self.relations:
+            if name not in namespace.given:
+                continue
+            relations = self.relations[name]
+            for condition, why in relations.excludes.items():
+                if _holds(namespace, condition):
+                    raise CanrollError(f"{self.spelt(name)}: {why}: omit it")
+            if relations.needs and not any(_holds(namespace, each) for each in relations.needs):
+                why = relations.why or " and ".join(map(self.spelt, relations.needs))
+                raise CanrollError(f"{self.spelt(name)}: it belongs to {why}: add that, or omit it")
+
+    def spelt(self, condition: str) -> str:
+        """Return how an option is written, with its value if it has one: "--pace lockstep"."""
+        name, _, value = condition.partition("=")
+        strings = next((a.option_strings for a in self._actions if a.dest == name), ())
+        option = next((text for text in strings if text.startswith("--")), f"--{name}")
+        return f"{option} {value}".rstrip()
+
+    def format_help(self) -> str:
+        """Return the help without the rare options."""
+        rare = [action for action in self._actions if action.dest in RARE]
+        texts = [action.help for action in rare]
+        for action in rare:
+            action.help = argparse.SUPPRESS
+        try:
+            return super().format_help()
+        finally:
+            for action, text in zip(rare, texts, strict=True):
+                action.help = text
+
+    @property
+    def options(self) -> Collection[str]:
+        """How the options are written."""
+        return self._option_string_actions.keys()
+
+    def error(self, message: str) -> NoReturn:
+        """Report the error in one line on stderr and exit with 2."""
+        raise UsageError(f"{message} (see '{self.prog} --help')")
+
+
+class _HelpAll(argparse.Action):
+    """Print the help with the rare options, and exit."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
+        super().__init__(option_strings, dest, nargs=0, default=argparse.SUPPRESS, help=help)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        print(argparse.ArgumentParser.format_help(parser))
+        parser.exit()
+
+
+def _holds(namespace: argparse.Namespace, condition: str) -> bool:
+    name, _, value = condition.partition("=")
+    return str(getattr(namespace, name, None)) == value if value else name in namespace.given
+
+
+def check_mode(
+    args: argparse.Namespace,
+    mode: str,
+    *,
+    but: Collection[str] = (),
+    why: str = "",
+    **words: object,
+) -> None:
+    """Refuse options that have no effect in the mode of a command.
+
+    Args:
+        args: of :meth:`Parser.read`.
+        mode: the mode that applies.
+        but: options that have an effect all the same.
+        why: what to say of an option that says nothing itself.
+        words: what "{name}" in the texts stands for.
+
+    Raises:
+        CanrollError: an option that is given does not apply in it.
+    """
+    for name, relations in args.parser.relations.items():
+        applies = not relations.only or mode in relations.only or name in but
+        if name in args.given and not applies:
+            outside = (relations.outside or f": {why}: omit it").format(mode=mode, **words)
+            raise CanrollError(f"{args.parser.spelt(name)}{outside}")
+
+
+def refuse(args: argparse.Namespace, name: str, why: str) -> None:
+    """Refuse an option that is found to have no effect, by its destination.
+
+    Raises:
+        CanrollError: it is given.
+    """
+    if name in args.given:
+        raise CanrollError(f"{args.parser.spelt(name)}: {why}: omit it")

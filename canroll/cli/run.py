@@ -1,0 +1,103 @@
+"""``canroll run``: a manoeuvre in virtual time; ``canroll report``: a saved run evaluated again."""
+
+import argparse
+import json
+from collections.abc import Collection
+from importlib.metadata import version
+from pathlib import Path
+
+import dbc
+from canroll.cli import terminal
+from canroll.cli.options import choices_of, folder_of
+from canroll.exchange import signal_files
+from canroll.report.run_folder import write_files, write_text
+from canroll.report.run_page import run_page
+from canroll.report.staging import check_parent, usable_folder
+from canroll.runs import experiment, saved_run
+from canroll.runs.logs import check_suffix, write_log
+from canroll.runs.result import Result
+from canroll.runs.trace import Trace
+from canroll.runs.virtual_time import Interrupted
+from dbc.reader import each
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run, report and write; 1 if the verdict is that control does not help."""
+    out = folder_of(args)
+    for path, check in ((args.log, check_suffix), (args.signals, signal_files.check_suffix)):
+        if path is not None:
+            check_parent(check(path), out=out)
+    if out is not None:
+        usable_folder(out)
+    try:
+        with terminal.progress(quiet=args.json) as progress:
+            result = experiment.run(args.scenario, progress=progress, **choices_of(args))
+    except Interrupted as stopped:
+        # the frames of a long run take longer to write than anyone waits who did not ask for them
+        kept = "no files are written"
+        if args.log is not None:
+            kept = f"its frames are in {write_log(args.log, stopped.trace.frames)}"
+        raise KeyboardInterrupt(f"{stopped} of the run: {kept}") from None
+    seen = result.passive if result.controlled is None else result.controlled
+    files = {}
+    if args.log is not None:
+        files["bus log"] = str(write_log(args.log, seen.frames))
+    if args.signals is not None:
+        files["signals"] = str(
+            signal_files.write_signals(args.signals, seen.signals, about(result, seen))
+        )
+    result = experiment.with_files(result, files)
+    without = () if args.trace else ("trace",)
+    code = answer(result, out, args, without=without)
+    if without and out is not None:
+        terminal.note(
+            f"{out}: no trace: 'canroll report' and 'canroll compare' cannot read the run"
+        )
+    return code
+
+
+def about(result: Result, seen: Trace) -> signal_files.About:
+    """Return what goes with the signals of a run: its settings, ids and frames."""
+    settings = result.settings
+    texts = {
+        "scenario": settings.scenario,
+        "law": settings.law_name,
+        "vehicle": settings.vehicle_name,
+        "speed": f"{settings.speed * 3.6:g} km/h",
+        "bus": settings.bus_name,
+        "seed": str(settings.seed),
+        "calibration id": f"0x{result.record.id:08X}",
+        "calibration CRC": f"0x{result.record.crc & 0xFFFFFFFF:08X}",
+        "canroll": version("canroll"),
+        "verdict": result.verdict,
+    }
+    return signal_files.About(texts, seen.frames, each(settings.profile.dbc or dbc.PATH))
+
+
+def answer(
+    result: Result,
+    out: Path | None,
+    args: argparse.Namespace,
+    *,
+    without: Collection[str] = (),
+) -> int:
+    """Write the files of a run where there is a folder, print it, and return the exit code."""
+    if out is not None:
+        result = write_files(result, out, without=without)
+    if args.json:
+        print(json.dumps(result.to_json()))
+    else:
+        terminal.show(result)
+        if args.verbose:
+            terminal.show_bus(result)
+        terminal.show_files(result.files)
+    return result.exit_code
+
+
+def report(args: argparse.Namespace) -> int:
+    """Write the page and print the table; 1 if the verdict is that control does not help."""
+    result = saved_run.load(args.folder)
+    page = check_parent(args.out or args.folder / "report.html", out=args.folder)
+    result = experiment.with_files(result, {**result.files, "report": str(page)})
+    write_text(page, run_page(result))
+    return answer(result, None, args)

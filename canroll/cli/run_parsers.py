@@ -1,0 +1,256 @@
+"""The options of the commands that simulate, and that characterise a vehicle."""
+
+from math import inf
+from typing import Any
+
+from canroll.cli.options import (
+    DEFAULT_SCENARIO,
+    OF_A_RUN,
+    add_answer,
+    add_choices,
+    add_execution,
+    add_json,
+    add_recording,
+    add_scenario,
+    add_verbose,
+    key_value,
+    not_empty,
+    path_named,
+    scenario,
+)
+from canroll.cli.parser import Parser
+from canroll.setup.choices import CHOICES
+
+DEFAULT_SPEEDS = "60:120:20"
+LOADS = ("laden", "empty")
+
+
+def run(parser: Parser) -> None:
+    """Options of ``canroll run``."""
+    parser.description = "Drive a manoeuvre in virtual time, without and with control, and report."
+    add_scenario(parser)
+    add_choices(parser, CHOICES)
+    add_recording(parser)
+    parser.add_argument(
+        "--no-trace",
+        dest="trace",
+        action="store_false",
+        help="without trace.npz, some 40 MB a minute: the run cannot be read again",
+    )
+    add_answer(parser, "report, log, header")
+    add_verbose(parser, "response times, trigger and phase")
+
+
+def compare(parser: Parser) -> None:
+    """Options of ``canroll compare``."""
+    parser.description = (
+        "Drive the same manoeuvre with several controllers and compare them; saved runs are read "
+        "from their folders. Options apply to the new runs."
+    )
+    parser.add_argument(
+        "runs",
+        nargs="+",
+        metavar="RUN",
+        help="a law, a calibration file, choices as law=lqr,bus=gateway_20ms,name=slow, or the "
+        "folder of a saved run",
+    )
+    parser.add_argument(
+        "--scenario",
+        type=scenario,
+        default=DEFAULT_SCENARIO,
+        help="manoeuvre (default: %(default)s)",
+    )
+    add_choices(parser, CHOICES)
+    add_execution(parser, "run", "resume")
+    add_answer(parser, "the page")
+
+
+def sweep(parser: Parser) -> None:
+    """Options of ``canroll sweep``."""
+    parser.description = (
+        "Drive a manoeuvre at several speeds with one or several laws, calibrations or settings."
+    )
+    parser.add_argument(
+        "what",
+        nargs="*",
+        metavar="SCENARIO|RUN",
+        help=f"manoeuvre (default: {DEFAULT_SCENARIO}), and what to drive, as of compare: a law, "
+        "a calibration file, or choices as law=lqr,bus=gateway_20ms (default: options)",
+    )
+    parser.add_argument(
+        "--speed",
+        dest="speeds",
+        metavar="FROM:TO:STEP",
+        default=DEFAULT_SPEEDS,
+        help="default: %(default)s",
+    )
+    names = [name for name in OF_A_RUN if name != "speed_kmh"]
+    add_choices(parser, names, several=("law",))
+    add_execution(parser, "run", "resume")
+    add_answer(parser, "the page")
+
+
+def report(parser: Parser) -> None:
+    """Options of ``canroll report``."""
+    parser.description = (
+        "Read a run from the folder written by 'canroll run' or 'canroll hil', evaluate it again "
+        "and write its page. Several runs on one page: 'canroll compare FOLDER FOLDER'."
+    )
+    parser.add_argument("folder", type=path_named, metavar="FOLDER", help="folder of a saved run")
+    parser.add_argument(
+        "--out",
+        type=path_named,
+        metavar="FILE",
+        help="the page (default: report.html in the folder)",
+    )
+    add_json(parser)
+    add_verbose(parser, "response times, trigger and phase")
+
+
+def limit(parser: Parser) -> None:
+    """Options of ``canroll limit``."""
+    parser.description = (
+        "Bisect the entry speed for the highest at which the manoeuvre's criteria are met, without "
+        "and with control: no two wheels of a side two inches off the road, no cone hit, the yaw "
+        "rate decayed, as required by its standard."
+    )
+    add_scenario(parser)
+    names = [name for name in OF_A_RUN if name != "speed_kmh"]
+    add_choices(parser, names)
+    parser.add_argument("--from", dest="low", type=float, default=30.0, metavar="KMH")
+    parser.add_argument("--to", dest="high", type=float, metavar="KMH", help="default: fastest")
+    parser.add_argument(
+        "--tolerance", type=float, default=0.5, metavar="KMH", help="final bracket (default: 0.5)"
+    )
+    add_json(parser)
+
+
+def understeer(parser: Parser) -> None:
+    """Options of ``canroll understeer``."""
+    parser.description = (
+        "Drive a circle at increasing speed; steering, roll and sideslip of each steady turn, and "
+        "the gradients of their linear part."
+    )
+    add_choices(parser, ("vehicle", "plant"))
+    parser.add_argument("--radius", type=float, default=100.0, metavar="M", help="default: 100")
+    add_json(parser)
+
+
+def vehicle(parser: Parser) -> None:
+    """Options of ``canroll vehicle``."""
+    parser.description = (
+        "new: write a complete vehicle file from mass and size; what is not given is estimated by "
+        "the class, with its spread. check: show a vehicle beside its class."
+    )
+    parser.add_argument("what", choices=("new", "check"), metavar="ACTION", help="new or check")
+    parser.add_argument("vehicle", metavar="FILE", help="vehicle file; for check also a preset")
+    parser.add_argument("--class", dest="kind", metavar="CLASS", help="car, suv or van")
+    new: dict[str, Any] = {"needs": ("what=new",), "why": "canroll vehicle new"}
+    for name, unit, meaning in (
+        ("mass", "KG", "of the vehicle, with driver and load"),
+        ("wheelbase", "M", "distance between the axles"),
+        ("track", "M", "mean of both axles"),
+        ("height", "M", "of the vehicle, from the road to its roof"),
+    ):
+        parser.add_argument(f"--{name}", type=float, metavar=unit, help=meaning, **new)
+    parser.add_argument(
+        "--set",
+        **new,
+        action="append",
+        type=key_value,
+        metavar="RATIO=VALUE",
+        help="a known ratio of the class, such as front_share=0.55; may be repeated",
+    )
+    add_json(parser)
+
+
+def fit(parser: Parser) -> None:
+    """Options of ``canroll fit``."""
+    parser.description = (
+        "Fit the numbers of a vehicle to a measured drive: the 14-DOF car is steered as measured, "
+        "and its numbers are changed until it moves as measured. Says how sure each is, and what "
+        "the log cannot tell."
+    )
+    parser.add_argument("log", type=not_empty, metavar="LOG", help=".csv .mf4, or a bus log")
+    add_choices(parser, ("vehicle",))
+    parser.add_argument(
+        "--signal",
+        action="append",
+        type=not_empty,
+        metavar="QUANTITY=[-]NAME[:UNIT]",
+        help="signal of the log that is a quantity: steering, speed, yaw_rate, "
+        "lateral_acceleration, roll_rate, roll, travel_front_left, …; - reverses it; may be "
+        "repeated",
+    )
+    parser.add_argument(
+        "--dbc", default="", metavar="FILE", help="network description of a bus log"
+    )
+    parser.add_argument(
+        "--map", default="", metavar="FILE", help="map of its signals to the ECU's fields"
+    )
+    parser.add_argument(
+        "--imu",
+        choices=("body", "levelled"),
+        default="body",
+        help="axes of the inertial unit: the body's, or levelled, without gravity (default: body)",
+    )
+    parser.add_argument(
+        "--from", dest="begin", type=float, default=-inf, metavar="S", help="fit from this time on"
+    )
+    parser.add_argument("--to", dest="end", type=float, default=inf, metavar="S", help="up to this")
+    parser.add_argument("--check", metavar="FROM:TO", help="part (s) to predict with the fit")
+    for name, meaning in (
+        ("free", "fit this number though its source says that it is known"),
+        ("hold", "hold this number"),
+    ):
+        parser.add_argument(
+            f"--{name}", action="append", metavar="KEY", help=f"{meaning}; may be repeated"
+        )
+    parser.add_argument(
+        "--starts",
+        type=int,
+        default=3,
+        metavar="N",
+        help="searches from different numbers (default: %(default)s)",
+    )
+    add_execution(parser, "start", "scheduler", "resume", "only")
+    add_answer(parser, "vehicle, page and covariance")
+
+
+def response(parser: Parser) -> None:
+    """Options of ``canroll response``."""
+    parser.description = (
+        "Steer in sines of rising frequency; yaw rate, lateral acceleration and roll angle per "
+        "steering-wheel angle. With --linear: the plant linearised about straight running or a "
+        "steady curve, its modes, its responses to moment and steering, and its distance to the "
+        "design model."
+    )
+    add_choices(parser, ("vehicle", "plant"))
+    parser.add_argument("--speed", type=float, default=100.0, metavar="KMH", help="default: 100")
+    parser.add_argument(
+        "--load", choices=LOADS, default=LOADS[0], help="laden or empty (default: %(default)s)"
+    )
+    parser.add_argument("--linear", action="store_true", help="linearise instead of steering")
+    linear = ("linear",)
+    parser.add_argument(
+        "--lateral-acceleration",
+        needs=linear,
+        type=float,
+        metavar="M/S2",
+        help="with --linear: that of the steady curve (default: 0, straight ahead)",
+    )
+    parser.add_argument(
+        "--friction",
+        needs=linear,
+        type=float,
+        metavar="MU",
+        help="with --linear: that of the road (default: 1)",
+    )
+    parser.add_argument(
+        "--out",
+        needs=linear,
+        type=path_named,
+        metavar="DIR",
+        help="with --linear: write response.png there",
+    )
+    add_json(parser)

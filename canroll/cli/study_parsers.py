@@ -1,0 +1,151 @@
+"""The options of the commands that drive many runs."""
+
+from canroll.cli.options import (
+    DEFAULT_SCENARIO,
+    OF_A_RUN,
+    ONE_CASE,
+    add_answer,
+    add_choices,
+    add_execution,
+    add_numbers,
+    add_scenario,
+    add_spread,
+    path_named,
+)
+from canroll.cli.parser import Parser
+from canroll.errors import CanrollError
+from canroll.setup.choices import OF_ONE_MANOEUVRE
+
+DEFAULT_DRAWS = 100
+EVENT_NAMES = (
+    *("fails", "rollover", "rollover_passive", "wheel_lift", "wheel_lift_passive"),
+    *("limit_cycle", "harm"),
+)
+"""Events of a draw, see :mod:`canroll.campaigns.events`."""
+RARE_EVENTS = tuple(name for name in EVENT_NAMES if name not in ("fails", "limit_cycle"))
+"""Those that can be approached by levels."""
+
+
+def campaign(parser: Parser) -> None:
+    """Options of ``canroll campaign``."""
+    parser.description = (
+        "Drive a manoeuvre with one calibration on many draws of vehicle, noise, bus and fault: "
+        "those of a campaign file, or of the options. The controller is designed for the first "
+        "bus; one or none of the given faults is drawn; --seed is that of the draws. "
+        "'canroll campaign merge FOLDER…' joins the shards of a campaign."
+    )
+    one = {"only": ONE_CASE}
+    rare = {"rare": "--rare draws level by level"}
+    parser.add_argument(
+        "what",
+        nargs="*",
+        metavar="SCENARIO|FILE.toml|merge FOLDER…",
+        help=f"manoeuvre (default: {DEFAULT_SCENARIO}), campaign file, or 'merge' and the --out "
+        "folders of all shards",
+    )
+    parser.add_argument(
+        "--runs", type=int, metavar="N", help=f"draws (default: the file's, or {DEFAULT_DRAWS})"
+    )
+    add_spread(parser)
+    parser.add_argument(
+        "--worst-by",
+        default="reduction",
+        metavar="METRIC",
+        help="what the hardest draws go by after failures: reduction of the roll angle, or the "
+        "largest value with control of a metric such as roll_max_deg (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--until",
+        excludes={**one, **rare},
+        type=float,
+        metavar="WIDTH",
+        help="stop when the 95 %% interval of the event's probability is as narrow",
+    )
+    parser.add_argument(
+        "--event",
+        needs=("until",),
+        choices=EVENT_NAMES,
+        default=EVENT_NAMES[0],
+        help=f"event of --until: {', '.join(EVENT_NAMES)} (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--rare",
+        choices=RARE_EVENTS,
+        help=f"estimate the probability of a rare event by subset simulation instead: "
+        f"{', '.join(RARE_EVENTS)}",
+    )
+    parser.add_argument(
+        "--samples",
+        needs=("rare",),
+        type=int,
+        default=1000,
+        metavar="N",
+        help="with --rare: samples on each level (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--shard",
+        excludes={**one, **rare, "until": "--until needs all draws in their order"},
+        type=shard,
+        metavar="I/N",
+        help="drive the I-th of N parts, to be merged later",
+    )
+    add_execution(parser, "draw")
+    add_choices(parser, OF_A_RUN, several=("bus",))
+    add_answer(parser, "page and table")
+    parser.set_defaults(verbose=False)
+
+
+def shard(text: str) -> tuple[int, int]:
+    """Return the numbers of "I/N"."""
+    first, _, of = text.partition("/")
+    if not (first.isdecimal() and of.isdecimal()) or not 1 <= int(first) <= int(of):
+        raise CanrollError(f"--shard {text}: must be I/N with I from 1 to N, e.g. 2/8")
+    return int(first), int(of)
+
+
+def faults(parser: Parser) -> None:
+    """Options of ``canroll faults``."""
+    parser.description = (
+        "Drive a manoeuvre with each fault of a catalogue, single and double, and judge what was "
+        "detected, when, and with what harm. Exit code 1 if anything harmful goes undetected."
+    )
+    add_scenario(parser, DEFAULT_SCENARIO)
+    parser.add_argument("--all", action="store_true", help="list every fault, not only the worst")
+    parser.add_argument(
+        "--catalogue", type=path_named, metavar="FILE", help="TOML file (default: the shipped one)"
+    )
+    add_choices(parser, [name for name in OF_A_RUN if name not in ("faults", "fault_file")])
+    add_execution(parser, "fault")
+    add_numbers(parser)
+
+
+def severe(parser: Parser) -> None:
+    """Options of ``canroll severe``."""
+    parser.description = (
+        "Drive lane changes, fishhook, J-turn, sine with dwell and one-sided bumps with a "
+        "population of vehicles: without control, with the best passive bar, with the plain "
+        "feedforward, and with a law."
+    )
+    names = [name for name in OF_A_RUN if name not in OF_ONE_MANOEUVRE]
+    add_choices(parser, names)
+    parser.add_argument(
+        "--runs", type=int, default=20, metavar="N", help="vehicles (default: %(default)s)"
+    )
+    add_spread(parser)
+    add_execution(parser, "pair of manoeuvre and vehicle")
+    add_numbers(parser)
+
+
+def reproduce(parser: Parser) -> None:
+    """Options of ``canroll reproduce``."""
+    parser.description = (
+        "Recompute every table of the papers with the complete tool chain and compare."
+    )
+    parser.add_argument(
+        "papers",
+        nargs="*",
+        metavar="PAPER",
+        help="redondo2021, viadero2022, vu2020, yim2020 (default: all)",
+    )
+    add_execution(parser, "", "only", "resume", "scheduler")
+    add_answer(parser, "the page")

@@ -1,0 +1,112 @@
+"""``canroll vehicle``: a vehicle file from mass and size, and a vehicle beside its class."""
+
+import argparse
+import json
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+
+import tomli_w
+
+import vehicles
+from canroll.cli.terminal import show_table
+from canroll.errors import CanrollError, reason
+from canroll.report.page import Table
+from vehicles import Vehicle
+from vehicles.classes import CLASSES, class_named
+from vehicles.estimate import SIZES, estimated
+from vehicles.review import Quantity, beside_class, handling
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write an estimated vehicle, or show one beside its class."""
+    return {"new": _new, "check": _check}[args.what](args)
+
+
+def _new(args: argparse.Namespace) -> int:
+    file = Path(args.vehicle)
+    if file.suffix != ".toml":
+        raise CanrollError(f"{file}: the name of a vehicle file ends in .toml")
+    if file.exists():
+        raise CanrollError(f"{file} is there already: choose another name, or remove it")
+    if args.kind is None:
+        raise CanrollError(f"--class is missing: {', '.join(CLASSES)}")
+    known = {key: getattr(args, key) for key in SIZES if getattr(args, key) is not None}
+    for name in (name for name in SIZES if name not in known):
+        raise CanrollError(f"--{name} is missing: a vehicle needs its {name}")
+    known |= {key: _number(key, value) for key, value in args.set or ()}
+    vehicle = estimated(args.kind, known, name=file.stem)
+    table = vehicle.document
+    # a file without a design has the plant's
+    del table["design"]
+    try:
+        file.write_text(tomli_w.dumps(table), encoding="utf-8")
+    except OSError as error:
+        raise CanrollError(f"cannot write {file}: {reason(error)}") from error
+    _show(vehicle, args.kind, as_json=args.json)
+    if not args.json:
+        origin = Counter(source.split(" ")[0] for source in table["sources"].values())
+        print(
+            f"\nwritten to {file}: {origin['given']} numbers given, {origin['estimated']} "
+            f"estimated with their spread in [sources], {origin['of']} of {CLASSES[args.kind].base}"
+        )
+    return 0
+
+
+def _number(key: str, value: str) -> float:
+    try:
+        return float(value)
+    except ValueError as error:
+        raise CanrollError(f"--set {key}={value}: must be a number") from error
+
+
+def _check(args: argparse.Namespace) -> int:
+    if args.kind is not None:
+        class_named(args.kind)
+    _show(vehicles.load(args.vehicle), args.kind, as_json=args.json)
+    return 0
+
+
+def _show(vehicle: Vehicle, kind: str | None, *, as_json: bool) -> None:
+    """Print a vehicle's quantities, with the usual ranges of a class."""
+    quantities = list(handling(vehicle))
+    ratios = [] if kind is None else list(beside_class(vehicle, kind))
+    if as_json:
+        print(
+            json.dumps(
+                {
+                    "vehicle": vehicle.name,
+                    "class": kind,
+                    "handling": [asdict(quantity) for quantity in quantities],
+                    "ratios": [asdict(quantity) for quantity in ratios],
+                }
+            )
+        )
+        return
+    print(vehicle.title)
+    show_table(_table("plausible", quantities))
+    if kind is None:
+        print("\nusual ranges of a class: --class " + ", --class ".join(CLASSES))
+        return
+    unusual = [quantity.label for quantity in ratios if not quantity.usual]
+    verdict = f"unusual: {', '.join(unusual)}" if unusual else "all ratios are usual"
+    print(f"\nfor a {CLASSES[kind].title}: {verdict}")
+    show_table(_table("usual", ratios))
+
+
+def _table(ranges: str, quantities: Iterable[Quantity]) -> Table:
+    return Table(
+        title="",
+        head=("", "value", "", ranges, ""),
+        rows=[
+            (
+                quantity.label,
+                f"{quantity.value:.3g}" if quantity.value < 1000 else f"{quantity.value:.0f}",
+                quantity.unit,
+                "" if quantity.low is None else f"{quantity.low:.3g} to {quantity.high:.3g}",
+                "" if quantity.usual else "unusual",
+            )
+            for quantity in quantities
+        ],
+    )

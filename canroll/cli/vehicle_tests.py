@@ -1,0 +1,282 @@
+"""``canroll limit``, ``understeer``, ``response`` and ``severe``: tests of vehicles."""
+
+import argparse
+import json
+import sys
+from dataclasses import asdict, replace
+from math import degrees
+from typing import Any
+
+import numpy as np
+
+import vehicles
+from canroll.cli import terminal
+from canroll.cli.cases import driven
+from canroll.cli.options import choices_of
+from canroll.errors import CanrollError
+from canroll.report.page import Table
+from canroll.report.run_folder import write_page
+from canroll.report.staging import page_folder
+from canroll.runs import experiment
+from canroll.runs.result import Settings
+from canroll.setup.choices import PASSIVE, chosen
+from canroll.setup.controller import Controller
+from canroll.studies import severe as severe_manoeuvres
+from canroll.studies.linear_response import linear_response, to_json
+from canroll.studies.linear_response_view import draw, lines
+from plant_sim import bodies
+from plant_sim.bodies.ports import Body
+from plant_sim.driving import maneuvers, standards
+from plant_sim.driving.limit import Limited, limited_by
+from plant_sim.world import handling
+from plant_sim.world.handling import SpeedLimit
+from vehicles import Vehicle
+from vehicles.unladen import unladen
+
+PICTURE = "response.png"
+LARGEST_ACCELERATION = 12.0
+"""Above the grip of any tyre on a road (m/s²)."""
+
+
+def _vehicle_and_body(args: argparse.Namespace) -> tuple[Vehicle, Body]:
+    """Return the requested vehicle and the body that simulates it."""
+    return vehicles.load(chosen(choices_of(args), "vehicle")), bodies.own_body(
+        chosen(choices_of(args), "plant"), "a test of vehicles"
+    )
+
+
+def understeer(args: argparse.Namespace) -> int:
+    """Run the constant-radius test of ISO 4138 and print its table."""
+    vehicle, body = _vehicle_and_body(args)
+    result = handling.constant_radius(vehicle, body, radius=args.radius)
+    if args.json:
+        print(json.dumps({"vehicle": vehicle.name, "plant": body.name, **asdict(result)}))
+        return 0
+    print(f"{vehicle.title}\ncircle of {args.radius:g} m, {body.name} plant\n")
+    print("speed km/h   a_y m/s²   steering wheel °   roll °   sideslip °")
+    for state in result.states:
+        print(
+            f"{state.speed * 3.6:10.1f}{state.lateral_acceleration:11.2f}"
+            f"{degrees(state.steer) * vehicle.steering.ratio:19.1f}"
+            f"{degrees(state.roll):9.2f}{degrees(state.sideslip):13.2f}"
+        )
+    print(
+        f"\nundersteer gradient {result.gradient:.3f} °/g at the road wheels "
+        f"(linear car {result.closed_form:.3f}), roll gradient {result.roll_gradient:.2f} °/g, "
+        f"largest steady acceleration {result.limit:.2f} m/s²"
+    )
+    return 0
+
+
+def response(args: argparse.Namespace) -> int:
+    """Run the frequency-response test of ISO 7401 and print its table, or linearise."""
+    if not 20.0 <= args.speed <= 200.0:
+        raise CanrollError(f"speed {args.speed:g} km/h: must be 20 to 200 km/h")
+    vehicle, body = _vehicle_and_body(args)
+    if args.load == "empty":
+        vehicle = unladen(vehicle)
+    if args.linear:
+        return _linear(args, vehicle, body)
+    result = handling.frequency_response(vehicle, body, speed=args.speed / 3.6)
+    rows = {
+        "yaw_rate": result.yaw_rate / vehicle.steering.ratio,
+        "lateral_acceleration": result.lateral_acceleration / vehicle.steering.ratio,
+        "roll": result.roll / vehicle.steering.ratio,
+    }
+    if args.json:
+        answer = {"vehicle": vehicle.name, "plant": body.name, "speed_kmh": args.speed}
+        answer |= {"load": args.load, "frequency_hz": result.frequency.tolist()}
+        for name, row in rows.items():
+            answer[name] = {
+                "gain": np.abs(row).tolist(),
+                "phase_deg": np.degrees(np.unwrap(np.angle(row))).tolist(),
+            }
+        print(json.dumps(answer))
+        return 0
+    print(
+        f"{vehicle.title}, {args.load}\n"
+        f"{args.speed:g} km/h, {body.name} plant, per steering-wheel angle\n"
+    )
+    print("    Hz   yaw rate 1/s  phase °   a_y m/s²/°  phase °   roll °/°  phase °")
+    phases = [np.degrees(np.unwrap(np.angle(row))) for row in rows.values()]
+    for i, frequency in enumerate(result.frequency):
+        gains = [abs(row[i]) for row in rows.values()]
+        print(
+            f"{frequency:6.2f}{gains[0]:15.4f}{phases[0][i]:9.0f}"
+            f"{gains[1] / degrees(1):13.4f}{phases[1][i]:9.0f}{gains[2]:11.4f}{phases[2][i]:9.0f}"
+        )
+    return 0
+
+
+def _linear(args: argparse.Namespace, vehicle: Vehicle, body: Body) -> int:
+    """Linearise ``body``, print and write the requested results, and return 0."""
+    lateral = 0.0 if args.lateral_acceleration is None else args.lateral_acceleration
+    friction = 1.0 if args.friction is None else args.friction
+    if not 0.0 <= lateral <= LARGEST_ACCELERATION:
+        raise CanrollError(
+            f"--lateral-acceleration {lateral:g} m/s²: must be 0 to {LARGEST_ACCELERATION:g} m/s²"
+        )
+    if not 0.05 <= friction <= 1.5:
+        raise CanrollError(f"--friction {friction:g}: must be 0.05 to 1.5")
+    found = linear_response(
+        vehicle,
+        body,
+        speed=args.speed / 3.6,
+        lateral_acceleration=lateral,
+        friction=friction,
+    )
+    where = f"{vehicle.name}, {args.load}, {body.name} plant, {args.speed:g} km/h, " + (
+        f"steady curve of {lateral:g} m/s², friction {friction:g}" if lateral else "straight ahead"
+    )
+    if args.out is not None:
+        draw(found, where, args.out / PICTURE)
+    if args.json:
+        asked = {
+            "vehicle": vehicle.name,
+            "plant": body.name,
+            "load": args.load,
+            "speed_kmh": args.speed,
+            "lateral_acceleration": lateral,
+            "friction": friction,
+        }
+        print(json.dumps(asked | to_json(found)))
+        return 0
+    print("\n".join(lines(found, where)))
+    if args.out is not None:
+        print(f"\nwritten: {args.out / PICTURE}")
+    return 0
+
+
+JUDGED = ("double_lane_change", "fishhook", "j_turn", "moose", "sine_with_dwell")
+"""Manoeuvres that have criteria to pass or fail by."""
+
+
+def find(
+    settings: Settings,
+    controller: Controller,
+    *,
+    enabled: bool,
+    low: float,
+    high: float,
+    tolerance: float,
+) -> SpeedLimit:
+    """Bisect the entry speed between ``low`` and ``high``; speeds and ``tolerance`` in m/s."""
+
+    def fails(speed: float) -> bool:
+        trace = experiment.drive(replace(settings, speed=speed), controller, enabled=enabled)
+        if trace.signals["rollover"].max() > 0:
+            return True
+        verdicts = standards.judge(settings.scenario, settings.vehicle, trace.signals)
+        return not all(verdict.passed for verdict in verdicts)
+
+    return handling.bisect_speed(fails, low=low, high=high, tolerance=tolerance)
+
+
+def limit(args: argparse.Namespace) -> int:
+    """Bisect without and with control; print both limits and what limited them; return 0."""
+    slowest, fastest = (speed * 3.6 for speed in maneuvers.speed_range(args.scenario))
+    if args.scenario not in JUDGED:
+        raise CanrollError(f"{args.scenario} has no pass criterion: choose {', '.join(JUDGED)}")
+    high = fastest if args.high is None else args.high
+    if not slowest <= args.low < high <= fastest + 1e-6:
+        raise CanrollError(
+            f"speeds {args.low:g} to {high:g} km/h: {args.scenario} is driven at {slowest:g} to "
+            f"{fastest:g} km/h, and --from must lie below --to"
+        )
+    if not 0.01 <= args.tolerance <= high - args.low:
+        raise CanrollError(f"tolerance {args.tolerance:g} km/h: must lie in 0.01 to the range")
+    settings, controller = experiment.plan(args.scenario, **choices_of(args))
+    bracket = {
+        "low": args.low / 3.6,
+        "high": high / 3.6,
+        "tolerance": args.tolerance / 3.6,
+    }
+    limits = {"passive": find(settings, controller, enabled=False, **bracket), "controlled": None}
+    if settings.law != PASSIVE:
+        limits["controlled"] = find(settings, controller, enabled=True, **bracket)
+    answer: dict[str, Any] = {
+        "scenario": settings.scenario,
+        **settings.vehicles,
+        "law": settings.law,
+        "plant": settings.plant,
+        "from_kmh": args.low,
+        "to_kmh": round(high, 6),
+    }
+    reasons = {name: _reason(settings, controller, found, name) for name, found in limits.items()}
+    for name, found in limits.items():
+        answer[name] = None if found is None else _kmh(found) | _limited(reasons[name])
+    if args.json:
+        print(json.dumps(answer))
+        return 0
+    print(f"{maneuvers.title(settings.scenario)}, {settings.vehicle.name}, {settings.plant} plant")
+    for name, found in limits.items():
+        if found is not None:
+            print(f"  {name:11}{_words(found)}{_because(reasons[name])}")
+    return 0
+
+
+def _reason(
+    settings: Settings, controller: Controller, found: SpeedLimit | None, name: str
+) -> Limited | None:
+    """Return what limited the slowest failed run; None if none failed."""
+    if found is None or found.failed is None:
+        return None
+    trace = experiment.drive(
+        replace(settings, speed=found.failed), controller, enabled=name == "controlled"
+    )
+    common = maneuvers.options(settings.scenario)["friction"]
+    friction = float(dict(settings.options).get("friction", common))
+    return limited_by(settings.vehicle, trace.signals, friction)
+
+
+def _limited(reason: Limited | None) -> dict[str, str | None]:
+    return {
+        "limited_by": None if reason is None else reason.by,
+        "reason": None if reason is None else reason.reason,
+    }
+
+
+def _because(reason: Limited | None) -> str:
+    return "" if reason is None else f"; limited by the {reason.by}: {reason.reason}"
+
+
+def _kmh(limit: SpeedLimit) -> dict[str, float | None]:
+    speeds = {"passed_kmh": limit.passed, "failed_kmh": limit.failed}
+    return {
+        name: None if speed is None else round(speed * 3.6, 3) for name, speed in speeds.items()
+    }
+
+
+def _words(limit: SpeedLimit) -> str:
+    if limit.passed is None:
+        return f"fails already at {(limit.failed or 0.0) * 3.6:.1f} km/h"
+    if limit.failed is None:
+        return f"passes up to {limit.passed * 3.6:.1f} km/h, the fastest tried"
+    return f"passes up to {limit.passed * 3.6:.1f} km/h, fails at {limit.failed * 3.6:.1f}"
+
+
+def severe(args: argparse.Namespace) -> int:
+    """Drive the severe manoeuvres and print their table: Markdown where it is not a terminal."""
+    out = page_folder(args.out)
+    with driven(args, out) as cases:
+        found = severe_manoeuvres.study(
+            runs=args.runs, spread=dict(args.spread), cases=cases, **choices_of(args)
+        )
+    data = write_page(out, "severe", {}, severe_manoeuvres.to_json(found))
+    if args.json:
+        print(json.dumps(data))
+    else:
+        print(
+            f"{found.vehicles['vehicle']}, {found.actuator}, bus {found.bus}, {found.runs} "
+            f"vehicles, {found.law} as designed, plain feedforward at its RMS moment of "
+            f"{found.effort:.0f} N·m, bar: {found.bar:g} times the roll stiffness"
+        )
+        if sys.stdout.isatty():
+            rows: list[tuple[str, ...]] = []
+            for title, name, *figures in severe_manoeuvres.lines(found):
+                rows += [("",), (title,)] if title else []
+                rows.append((name, *figures))
+            terminal.show_table(Table("", ("", *severe_manoeuvres.HEAD[2:]), rows))
+        else:
+            print("\n".join(severe_manoeuvres.markdown(found)))
+    return 0

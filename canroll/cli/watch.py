@@ -1,0 +1,127 @@
+"""``canroll watch``: the state of the roll controller, from its bus frames only."""
+
+import argparse
+import asyncio
+import json
+import sys
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from canroll.cli.bus_parsers import LOOPBACK, WEB_PORT
+from canroll.cli.ecu import nanoseconds
+from canroll.errors import CanrollError
+from canroll.report.console import Console
+from hil import process
+from hil.bus_link import open_link
+from hil.hardware.interfaces import is_loopback
+from hil.watch.observation import Observation
+from hil.watch.onlooker import Onlooker
+from hil.watch.page import live_page
+
+DEFAULT_BITRATE = 500_000
+REFRESH = 0.1
+MODE_STYLES = {"INIT": "yellow", "ACTIVE": "green", "DEGRADED": "yellow", "SAFE": "red"}
+
+
+def run(args: argparse.Namespace) -> int:
+    """Watch until stopped; 0 if frames were seen, 1 if the bus was silent."""
+    duration = nanoseconds(args.duration, "--duration")
+    watch = watch_in_browser if in_browser(args) else watch_in_terminal
+    seen = Observation(getattr(args, "bitrate", DEFAULT_BITRATE))
+    until = float("inf") if duration is None else time.monotonic() + duration * 1e-9
+    watch(args, seen, until)
+    if args.json:
+        print(json.dumps(seen.summary()))
+    else:
+        Console().print(view(seen.summary(), seen))
+    return 0 if seen.frames else 1
+
+
+def in_browser(args: argparse.Namespace) -> bool:
+    """Return whether a page is requested.
+
+    Raises:
+        CanrollError: an invalid port.
+    """
+    if args.port is not None and not 0 <= args.port <= 65535:
+        raise CanrollError(f"--port must be 1 to 65535, or 0 for a free one, got {args.port}")
+    return bool(args.web)
+
+
+def watch_in_terminal(args: argparse.Namespace, seen: Observation, until: float) -> None:
+    """Fill ``seen``, and show it on a terminal, until the monotonic clock reaches ``until``."""
+    link = open_link(args)
+    onlooker = Onlooker(link, seen)
+    show = sys.stdout.isatty() and not args.json
+    try:
+        with process.stop_on_signals() as stop, Live(auto_refresh=False, screen=show) as live:
+            while not stop.requested and time.monotonic() < until:
+                time.sleep(REFRESH)
+                onlooker.look()
+                if show:
+                    live.update(view(seen.summary(), seen), refresh=True)
+    finally:
+        link.close()
+
+
+def watch_in_browser(args: argparse.Namespace, seen: Observation, until: float) -> None:
+    """Fill ``seen``, and serve the page that shows it, until the clock reaches ``until``."""
+    from hil.watch import server  # noqa: PLC0415 - needs the extra "web"
+
+    host = args.host or LOOPBACK
+    address = server.Address(host=host, port=WEB_PORT if args.port is None else args.port)
+    page = live_page(bitrate=seen.bitrate, assumed="bitrate" not in args)
+    out = sys.stderr if args.json else sys.stdout
+
+    def announce(url: str) -> None:
+        if not is_loopback(host):
+            print(f"note: anyone who can reach {host} can watch too", file=out)
+        print(f"watching at {url} (Ctrl-C to stop)", file=out, flush=True)
+
+    link = open_link(args)
+    try:
+        with process.stop_on_signals() as stop:
+            asyncio.run(
+                server.run(
+                    Onlooker(link, seen), page, address, stop=stop, until=until, announce=announce
+                )
+            )
+    finally:
+        link.close()
+
+
+def view(summary: Mapping[str, Any], seen: Observation) -> Group:
+    """Return the terminal view of an observation."""
+    mode = summary["mode"] or "no controller"
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_row("mode", Text(mode, style=MODE_STYLES.get(mode, "dim")))
+    front, rear = summary["moment_delivered_nm"]
+    trigger = summary["commands_per_sample"]
+    for name, value, form in (
+        ("roll angle, estimated", summary["roll_estimate_deg"], "{:+.2f}°"),
+        ("roll rate", summary["roll_rate_deg_s"], "{:+.2f} °/s"),
+        ("lateral acceleration", summary["lateral_acceleration_m_s2"], "{:+.2f} m/s²"),
+        ("speed", summary["speed_km_h"], "{:.1f} km/h"),
+        ("moment commanded", summary["moment_command_nm"], "{:+.0f} N·m"),
+        ("moment delivered, front", front, "{:+.0f} N·m"),
+        ("moment delivered, rear", rear, "{:+.0f} N·m"),
+        ("commands per sample", trigger, "{:.2f}"),
+        ("bus load", summary["load"], "{:.1%}"),
+    ):
+        table.add_row(name, "–" if value is None else _form(form, value))
+    table.add_row("fault codes", ", ".join(summary["fault_codes"]) or "none")
+    table.add_row("have occurred", ", ".join(summary["latched_fault_codes"]) or "none")
+    rates = Table("message", "frames", "a second", box=None, pad_edge=False, header_style="bold")
+    for name, count in summary["frames"].items():
+        rates.add_row(name, str(count), f"{seen.rate(name):.0f}")
+    return Group(table, Text(), rates)
+
+
+def _form(form: str, value: Any) -> str:  # noqa: ANN401
+    return value if isinstance(value, str) else form.format(value)

@@ -1,0 +1,354 @@
+"""A vehicle fitted to a measured drive: its numbers, how sure they are, and what stays a guess."""
+
+from collections.abc import Collection
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.cases.engine import LOCAL, engine
+from canroll.errors import CanrollError
+from canroll.identification import unknowns
+from canroll.identification.agreement import Agreement, agreement
+from canroll.identification.drive_log import Log
+from canroll.identification.information import TOLD, Information, information, together
+from canroll.identification.log_checks import check
+from canroll.identification.output_error import (
+    How,
+    Model,
+    driver,
+    refined,
+    search,
+    searched,
+    starts,
+)
+from canroll.identification.pieces import EVERYTHING, SAMPLE, Piece, Window, pieces
+from canroll.identification.unknowns import Unknown
+from canroll.typing import Progress, Vector
+from vehicles import Vehicle
+from vehicles.load import from_table
+
+SURPRISING = 3.0
+"""Deviations of its prior by which a number contradicts it."""
+SAME = 0.02
+"""Costs that differ by less, relative, are of one minimum."""
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How a log is fitted.
+
+    Attributes:
+        imu: axes of the inertial unit, a key of :data:`canroll.identification.replay.FRAMES`.
+        window: part that is fitted.
+        checked: part that is predicted only, of the same log; None: none.
+        free: keys to fit though their sources say that they are known.
+        held: keys to hold.
+        starts: searches from the prior and from draws of it.
+        seed: of these draws.
+        jobs: processes.
+    """
+
+    imu: str = "body"
+    window: Window = EVERYTHING
+    checked: Window | None = None
+    free: Collection[str] = ()
+    held: Collection[str] = ()
+    starts: int = 3
+    seed: int = 1
+    jobs: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A fitted number and its standard deviation, in the unit of its unknown.
+
+    ``state``: "told" by the log; told only "together" with others, where the log says less of the
+    number than was known before; or "kept" at its prior, of which the log says nothing.
+    """
+
+    unknown: Unknown
+    value: float
+    deviation: float
+    state: str
+
+    @property
+    def learnt(self) -> float:
+        """How much smaller the deviation is than the prior's, 0 to 1."""
+        return max(1.0 - self.deviation / self.unknown.deviation, 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curves:
+    """A piece of the log with the fitted car: ``simulated`` has the shape of its measured."""
+
+    piece: Piece
+    simulated: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """A fitted vehicle.
+
+    Attributes:
+        log: its name.
+        start: the vehicle at the start.
+        vehicle: with the fitted numbers, checked; its sources say how sure they are.
+        numbers: all that was unknown.
+        covariance: of the numbers, in products of their units (p, p).
+        information: of the log.
+        pairs: labels of numbers told only together, and their correlation.
+        seconds: of the log that were compared.
+        agreements: of the part that was fitted.
+        predictions: of the part that was predicted only; empty without one.
+        minima: cost of every search from the first start on.
+        curves: measured and simulated.
+        remarks: what was left out, and what is strange, a line each.
+    """
+
+    log: str
+    start: Vehicle
+    vehicle: Vehicle
+    numbers: tuple[Number, ...]
+    covariance: NDArray[np.float64]
+    information: Information
+    pairs: tuple[tuple[str, str, float], ...]
+    seconds: float
+    agreements: tuple[Agreement, ...]
+    predictions: tuple[Agreement, ...]
+    minima: tuple[float, ...]
+    curves: tuple[Curves, ...]
+    remarks: tuple[str, ...]
+
+    def of_state(self, state: str) -> tuple[Number, ...]:
+        """Return the numbers of a state."""
+        return tuple(number for number in self.numbers if number.state == state)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fit as plain data; ``covariance`` is in the order of ``numbers``."""
+        return {
+            "log": self.log,
+            "vehicle": self.start.reference,
+            "seconds": self.seconds,
+            "agreement": [asdict(one) for one in self.agreements],
+            "prediction": [asdict(one) for one in self.predictions],
+            "numbers": [
+                {
+                    "key": number.unknown.key,
+                    "unit": number.unknown.unit,
+                    "value": number.value,
+                    "deviation": number.deviation,
+                    "state": number.state,
+                    "learnt": number.learnt,
+                    "prior": number.unknown.mean,
+                    "prior_deviation": number.unknown.deviation,
+                }
+                for number in self.numbers
+            ],
+            "covariance": self.covariance.tolist(),
+            "told_together": [list(pair) for pair in self.pairs],
+            "directions": self.information.directions,
+            "minima": list(self.minima),
+            "remarks": list(self.remarks),
+        }
+
+
+def fit(
+    log: Log, vehicle: Vehicle, settings: Settings, progress: Progress = lambda stage, share: None
+) -> Fit:
+    """Fit a vehicle to a log.
+
+    Args:
+        log: the measured drive.
+        vehicle: where the search starts: its numbers are the means of the priors.
+        settings: how.
+        progress: called with the activity and the share of it that is done.
+
+    Raises:
+        CanrollError: the log cannot be used, or no vehicle can have the fitted numbers.
+    """
+    parts, remarks = pieces(log, settings.window)
+    names = parts[0].names
+    sought = unknowns.unknowns(vehicle, names, free=settings.free, held=settings.held)
+    model = Model(vehicle, parts, settings.imu, settings.window, sought)
+    check(log, model)
+    rounds = 0
+
+    def report() -> None:
+        nonlocal rounds
+        rounds += 1
+        progress("steps of the search", rounds / (rounds + 10))
+
+    with engine(LOCAL, settings.jobs) as where:
+        how = How(driver(model, where), report)
+        points = [searched(model, x, how) for x in starts(model, settings.starts, settings.seed)]
+        minima = tuple(point.cost for point in points)
+        point = refined(model, min(points, key=lambda point: point.cost), how)
+        felt = information(model, point, how).felt
+        if not any(f and not unknown.of_log for f, unknown in zip(felt, sought, strict=True)):
+            raise CanrollError(
+                f"{log.name}: it tells nothing of the car beyond what {vehicle.name} has: drive "
+                "with more steering"
+            )
+        point = search(model, replace(point, x=_held(model, point.x, felt)), felt, how)
+        content = information(model, point, how)
+    progress("steps of the search", 1.0)
+    covariance = content.covariance(felt)
+    numbers = tuple(_numbers(model, point.x, covariance, felt))
+    name = Path(log.name).name
+    scale = np.outer(model.deviation, model.deviation)
+    remarks += tuple(_strange(numbers, minima))
+    of_car = np.array([not unknown.of_log for unknown in sought])
+    labels = [unknown.label for unknown in sought if not unknown.of_log]
+    curves, agreements, predictions = _compared(model, log, settings, point.x)
+    return Fit(
+        log=name,
+        start=vehicle,
+        vehicle=fitted(vehicle, numbers, name),
+        numbers=numbers,
+        covariance=covariance * scale,
+        information=content,
+        pairs=tuple(together(covariance[np.ix_(of_car, of_car)], labels)),
+        seconds=float(model.compared.any(axis=1).sum() * SAMPLE),
+        agreements=agreements,
+        predictions=predictions,
+        minima=minima,
+        curves=curves,
+        remarks=remarks,
+    )
+
+
+def _held(model: Model, x: Vector, felt: NDArray[np.bool_]) -> Vector:
+    """Return where a search with the numbers that are not felt at their priors can begin.
+
+    That is as near to ``x`` as a car can have the numbers, at least the car of the start.
+    """
+    for share in np.linspace(1.0, 0.0, 11):
+        begin = np.where(felt, share * x, 0.0)
+        if model.motions(begin) is not None:
+            return np.asarray(begin)
+    raise CanrollError(f"{model.vehicle.name}: cannot be driven as in the log")
+
+
+def _numbers(
+    model: Model, x: Vector, covariance: NDArray[np.float64], felt: NDArray[np.bool_]
+) -> list[Number]:
+    numbers = []
+    for i, unknown in enumerate(model.unknowns):
+        state = "told" if covariance[i, i] < TOLD else "together"
+        numbers.append(
+            Number(
+                unknown,
+                unknown.mean + unknown.deviation * float(x[i]),
+                unknown.deviation * float(np.sqrt(covariance[i, i])),
+                state if felt[i] else "kept",
+            )
+        )
+    return numbers
+
+
+def _strange(numbers: tuple[Number, ...], minima: tuple[float, ...]) -> list[str]:
+    remarks = []
+    for number in numbers:
+        unknown = number.unknown
+        away = (number.value - unknown.mean) / unknown.deviation
+        if abs(away) > SURPRISING and not unknown.of_log:
+            remarks.append(
+                f"{unknown.label}: {number.value:.3g} {unknown.unit} is {abs(away):.1f} deviations "
+                f"of the prior from {unknown.mean:.3g}: check its source, or the log's units"
+            )
+        near = min(number.value - unknown.least, unknown.most - number.value)
+        if near < 1e-3 * (unknown.most - unknown.least) and number.state != "kept":
+            remarks.append(f"{unknown.label}: it stands at its bound, {number.value:.3g}")
+    other = [cost for cost in minima if cost > (1.0 + SAME) * min(minima)]
+    if other:
+        remarks.append(
+            f"{len(other)} of {len(minima)} searches ended in a worse minimum: the best is taken"
+        )
+    return remarks
+
+
+def _compared(
+    model: Model, log: Log, settings: Settings, x: Vector
+) -> tuple[tuple[Curves, ...], tuple[Agreement, ...], tuple[Agreement, ...]]:
+    """Return the curves, and the agreement of what was fitted and of what was predicted."""
+    own = _agreements(model, x)
+    shown, predicted = model, own[:0]
+    if settings.checked is not None:
+        wide = Window(
+            min(settings.window.begin, settings.checked.begin),
+            max(settings.window.end, settings.checked.end),
+        )
+        parts, _ = pieces(log, wide)
+        shown = Model(model.vehicle, parts, model.frame, settings.checked, model.unknowns)
+        if not shown.compared.any():
+            raise CanrollError(f"{log.name}: nothing of it to check in the window of --check")
+        predicted = _agreements(shown, x)
+    simulated = shown.simulated(x)
+    assert simulated is not None  # the search has ended there
+    ends = np.cumsum([len(piece.speed) for piece in shown.pieces])[:-1]
+    parts_of = np.split(simulated, ends)
+    curves = tuple(Curves(p, s) for p, s in zip(shown.pieces, parts_of, strict=True))
+    return curves, own, predicted
+
+
+def _agreements(model: Model, x: Vector) -> tuple[Agreement, ...]:
+    simulated = model.simulated(x)
+    assert simulated is not None  # the search has ended there
+    steering = np.concatenate([piece.steering for piece in model.pieces])
+    measured, compared = model.measured, model.compared
+    filled = np.where(np.isfinite(measured), measured, 0.0)
+    return tuple(
+        agreement(name, filled[:, i], simulated[:, i], steering, compared[:, i])
+        for i, name in enumerate(model.names)
+    )
+
+
+def fitted(vehicle: Vehicle, numbers: tuple[Number, ...], log: str) -> Vehicle:
+    """Return the vehicle with fitted numbers, whose sources have their standard deviations.
+
+    Numbers that the log does not tell keep theirs. A body without load that the vehicle's file
+    has would contradict the fitted one, and is left out.
+
+    Raises:
+        CanrollError: no vehicle can have the numbers.
+    """
+    own = [n for n in numbers if not n.unknown.of_log and n.state != "kept"]
+    changed = unknowns.applied(vehicle, {n.unknown.key: n.value for n in own})
+    table = changed.document
+    sources = table["sources"]
+    spreads: dict[str, list[str]] = {}
+    for number in own:
+        key, _, place = number.unknown.key.partition(".imu_position.")
+        spread = f"±{number.deviation:.2g}"
+        if number.unknown.least > 0.0:
+            spread = f"±{100 * number.deviation / number.value:.2g} %"
+        key = f"{key}.imu_position" if place else key
+        condition = "" if number.state == "told" else " (only together with others)"
+        spreads.setdefault(key, []).append(
+            f"{spread}{condition}, {number.unknown.mean:.4g} before"
+            + (f" [{place}]" if place else "")
+        )
+    for key, texts in spreads.items():
+        sources[key] = f"fitted {'; '.join(texts)}; on {log}"
+    for key, before in (
+        ("suspension.spring_rate_front", vehicle.suspension.spring_rate_front),
+        ("suspension.spring_rate_rear", vehicle.suspension.spring_rate_rear),
+        ("mass.pitch_inertia", vehicle.mass.pitch_inertia),
+    ):
+        if unknowns.value_of(changed, key) != before:
+            sources[key] = f"follows from the numbers fitted on {log}: {before:.4g} before"
+    plant = any(n.unknown.key.startswith("plant.") for n in own)
+    if plant and "empty" in table:
+        del table["empty"]
+        for key in [key for key in sources if key.partition(".")[0] == "empty"]:
+            del sources[key]
+    if plant and vehicle.design == vehicle.plant:
+        for key in [key for key in sources if key.partition(".")[0] == "design"]:
+            del sources[key]
+        sources["design"] = "equal to the plant"
+    table["title"] = f"{vehicle.title}, fitted"
+    table["basis"] = f"fitted on {log}; before: {vehicle.basis}"
+    return from_table(table, name=vehicle.name, where=f"fitted {vehicle.name}", unusual=None)

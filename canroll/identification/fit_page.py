@@ -1,0 +1,180 @@
+"""A fit for readers: the answer in a line, its tables, and the page of measured and simulated."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from canroll.identification.agreement import Agreement
+from canroll.identification.drive_log import QUANTITIES
+from canroll.identification.fit import Fit, Number
+from canroll.identification.unknowns import delay_key, offset_key
+from canroll.report.figure import DASHED, Figure, Series
+from canroll.report.page import Cell, Page, Table, Verdict, render
+
+SHOWN = {"rad": ("°", np.degrees(1.0)), "rad/s": ("°/s", np.degrees(1.0)), "s": ("ms", 1e3)}
+"""Units of sensors as people read them, and their factors."""
+STATES = {"told": "", "together": "with others only", "kept": "as before"}
+
+
+def _explained(agreements: tuple[Agreement, ...]) -> str:
+    return ", ".join(
+        f"{QUANTITIES[one.name].label} {100 * one.explained:.2f} %" for one in agreements
+    )
+
+
+def summary(fit: Fit) -> str:
+    """Return the answer in a line."""
+    of_car = [number for number in fit.numbers if not number.unknown.of_log]
+    count = sum(number.state == "told" for number in of_car)
+    return (
+        f"{fit.start.name} fitted to {fit.seconds:.1f} s of {fit.log}: it tells {count} of "
+        f"{len(of_car)} numbers"
+    )
+
+
+def explained_lines(fit: Fit) -> Iterator[str]:
+    """Yield how much of the variance the fitted car explains, where fitted and where predicted."""
+    yield f"variance explained: {_explained(fit.agreements)}"
+    if fit.predictions:
+        yield f"predicted, not fitted: {_explained(fit.predictions)}"
+
+
+def left_line(fit: Fit) -> str:
+    """Return what the residuals still contain, in a line."""
+    coloured = [
+        f"{QUANTITIES[one.name].label} {one.correlated:.2f} s"
+        for one in fit.agreements
+        if not one.white
+    ]
+    driven = [QUANTITIES[one.name].label for one in fit.agreements if one.driven > 1.0]
+    text = f"correlated over {', '.join(coloured)}" if coloured else "white noise"
+    if driven:
+        return (
+            f"left over: {text}; the model misses of the steering's effect on {', '.join(driven)}"
+        )
+    return f"left over: {text}; independent of the steering before"
+
+
+def rounded(value: float, deviation: float) -> str:
+    """Return a value to the second digit of its deviation."""
+    if not deviation > 0.0:
+        return f"{value:.4g}"
+    digits = 1 - int(np.floor(np.log10(deviation)))
+    text = f"{round(value, digits):.{max(digits, 0)}f}"
+    return text.replace("-", "−")
+
+
+def _with_spread(value: float, deviation: float) -> str:
+    return f"{rounded(value, deviation)} ± {rounded(deviation, deviation)}"
+
+
+HEAD = ("number", "fitted", "before", "unit", "")
+
+
+def fitted_table(fit: Fit) -> Table:
+    """Return the numbers of the vehicle that the log tells, alone or with others."""
+    numbers = [n for n in fit.numbers if not n.unknown.of_log and n.state != "kept"]
+    return Table(
+        "Vehicle",
+        HEAD,
+        [_row(number) for number in numbers],
+        note="±: one standard deviation. Before: the prior, from the file where the fit starts.",
+    )
+
+
+def _row(number: Number) -> tuple[str | Cell, ...]:
+    unknown = number.unknown
+    return (
+        unknown.label,
+        Cell(_with_spread(number.value, number.deviation), number.value, ""),
+        Cell(_with_spread(unknown.mean, unknown.deviation)),
+        unknown.unit,
+        STATES[number.state],
+    )
+
+
+def _of_log(fit: Fit, keys: tuple[str, ...]) -> Iterator[str]:
+    for number in fit.numbers:
+        if number.unknown.key in keys and number.state == "told":
+            unit, factor = SHOWN.get(number.unknown.unit, (number.unknown.unit, 1.0))
+            value = rounded(factor * number.value, factor * number.deviation)
+            label = number.unknown.label.removesuffix(" offset").removesuffix(" delay")
+            yield f"{label} {value} {unit}"
+
+
+def measurement_line(fit: Fit) -> str:
+    """Return offsets and delays of the measurement in a line."""
+    names = [one.name for one in fit.agreements]
+    offsets = ("log.steering_offset", *(offset_key(name) for name in names))
+    delays = tuple(delay_key(name) for name in names)
+    return (
+        f"offsets: {', '.join(_of_log(fit, offsets)) or 'none told'}; stamped later than the "
+        f"steering: {', '.join(_of_log(fit, delays)) or 'none told'}"
+    )
+
+
+def _agreement_table(title: str, agreements: tuple[Agreement, ...]) -> Table:
+    rows = []
+    for one in agreements:
+        unit, factor = SHOWN.get(QUANTITIES[one.name].unit, (QUANTITIES[one.name].unit, 1.0))
+        rows.append(
+            (
+                QUANTITIES[one.name].label,
+                Cell(f"{100 * one.explained:.2f}", one.explained, ""),
+                Cell(f"{factor * one.rms:.3g}", one.rms, ""),
+                unit,
+                "white" if one.white else f"correlated over {one.correlated:.2f} s",
+                "independent" if one.driven <= 1.0 else "depends on it",
+            )
+        )
+    head = ("signal", "variance explained (%)", "RMS left", "", "what is left", "and the steering")
+    return Table(title, head, rows)
+
+
+def _figures(fit: Fit) -> list[Figure]:
+    figures = []
+    for i, one in enumerate(fit.agreements):
+        quantity = QUANTITIES[one.name]
+        unit, factor = SHOWN.get(quantity.unit, (quantity.unit, 1.0))
+        time = np.concatenate([curve.piece.time for curve in fit.curves])
+        measured = factor * np.concatenate([curve.piece.measured[:, i] for curve in fit.curves])
+        simulated = factor * np.concatenate([curve.simulated[:, i] for curve in fit.curves])
+        known = np.isfinite(measured)
+        curves = [
+            Series("measured", time[known], measured[known], 7),
+            Series("fitted", time, simulated, 1, DASHED),
+        ]
+        title = f"{quantity.label[0].upper()}{quantity.label[1:]}"
+        figures.append(Figure(one.name, title, "time (s)", unit, curves, unit="s"))
+    return figures
+
+
+def fit_page(fit: Fit) -> str:
+    """Return the page as HTML."""
+    measurement = [n for n in fit.numbers if n.unknown.of_log]
+    kept = [n for n in fit.numbers if not n.unknown.of_log and n.state == "kept"]
+    tables = [
+        fitted_table(fit),
+        _agreement_table("Agreement", fit.agreements),
+        *([_agreement_table("Predicted, not fitted", fit.predictions)] if fit.predictions else []),
+        Table("Measurement", HEAD, [_row(n) for n in measurement]),
+    ]
+    if kept:
+        tables.append(Table("Not told by the log", HEAD, [_row(n) for n in kept]))
+    if fit.pairs:
+        rows = [(a, b, Cell(f"{c:.3f}".replace("-", "−"), c)) for a, b, c in fit.pairs]
+        tables.append(Table("Told only together", ("number", "and", "correlation"), rows))
+    return render(
+        Page(
+            title="Fitted vehicle",
+            subtitle=f"{fit.start.title}, {fit.log}",
+            verdict=Verdict(None, "Fitted", "; ".join((summary(fit), *explained_lines(fit)))),
+            warnings=fit.remarks,
+            tables=tables,
+            figures=_figures(fit),
+            playback=None,
+            parameters=[("vehicle", fit.start.reference), ("log", fit.log)],
+            provenance=(),
+            result=fit.to_json(),
+        )
+    )

@@ -1,0 +1,116 @@
+"""What a log tells: Fisher information beside the priors, covariance, and what stays a guess.
+
+All in deviations from the means of the priors: x = (number − mean) / deviation.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.identification.colour import score_covariance
+from canroll.identification.output_error import How, Model, Point, residuals
+from canroll.typing import Vector
+
+TOLD = 0.5
+"""Share of its prior variance that an unknown told by a log keeps at most: of one with more the log
+says less than was known before."""
+TINY = 1e-12
+"""Share of the whole information that a direction without any is given, to be divided by."""
+TOGETHER = 0.9
+"""Correlation beyond which two unknowns are told only together."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Information:
+    """Information of a log at a point of a model.
+
+    Attributes:
+        fisher: of the signals alone (p, p): JᵀW J.
+        scores: covariance (p, p) of JᵀW times the noise, as coloured as the residuals are.
+    """
+
+    fisher: NDArray[np.float64]
+    scores: NDArray[np.float64]
+
+    @property
+    def directions(self) -> int:
+        """Number of combinations of the unknowns of which the log says more than the priors."""
+        return int(np.sum(np.linalg.eigvalsh(self.fisher) > 1.0))
+
+    @property
+    def felt(self) -> NDArray[np.bool_]:
+        """Which unknowns the log says more of than the prior, were all others known.
+
+        The others cannot be told by it at all.
+        """
+        return np.asarray(np.diag(self.fisher) > 1.0)
+
+    def covariance(self, free: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return the covariance (p, p) of all unknowns where only the ``free`` ones were fitted.
+
+        Those held are as uncertain as before, and make the fitted ones uncertain: Bierman,
+        Factorization Methods for Discrete Sequential Estimation, VIII ("consider" parameters).
+        """
+        size = len(self.fisher)
+        inverse = np.linalg.inv(self.fisher[np.ix_(free, free)] + np.eye(int(free.sum())))
+        noise = self.scores[np.ix_(free, free)] + np.eye(int(free.sum()))
+        through = -inverse @ self.fisher[np.ix_(free, ~free)]
+        result = np.eye(size)
+        result[np.ix_(free, free)] = inverse @ noise @ inverse + through @ through.T
+        result[np.ix_(free, ~free)] = through
+        result[np.ix_(~free, free)] = through.T
+        return result
+
+    def least(self, free: NDArray[np.bool_]) -> Vector:
+        """Return the least standard deviations of the fitted unknowns, 1 of the held (p).
+
+        That is the Cramér–Rao bound with priors, were the residuals noise of the model's weights.
+        """
+        result = np.ones(len(self.fisher))
+        inverse = np.linalg.inv(self.fisher[np.ix_(free, free)] + np.eye(int(free.sum())))
+        result[free] = np.sqrt(np.diag(inverse))
+        return result
+
+
+def information(model: Model, point: Point, how: How) -> Information:
+    """Return the information at a point at which a search has ended."""
+    simulated = model.simulated(point.x)
+    assert simulated is not None  # the search has ended there
+    compared, errors = model.compared, residuals(model, simulated)
+    slopes = model.slopes(point.x, how.drive)
+    slopes[~compared] = 0.0
+    scaled = slopes / point.scale[:, None]
+    flat = scaled.reshape(-1, point.x.size)
+    scores = score_covariance(scaled / point.scale[:, None], errors, compared)
+    fisher = flat.T @ flat
+    return Information(fisher, _at_least(scores, fisher))
+
+
+def _at_least(scores: NDArray[np.float64], white: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return scores that in no direction are less than those of white noise.
+
+    A fit takes out of the residuals what its numbers can follow: there they are too small.
+    """
+    values, vectors = np.linalg.eigh(white + TINY * np.trace(white) * np.eye(len(white)))
+    root = vectors * np.sqrt(values)
+    back = vectors / np.sqrt(values)
+    sizes, axes = np.linalg.eigh(back.T @ scores @ back)
+    turned = root @ axes
+    return np.asarray((turned * np.maximum(sizes, 1.0)) @ turned.T)
+
+
+def together(
+    covariance: NDArray[np.float64], labels: Sequence[str], count: int = 3
+) -> list[tuple[str, str, float]]:
+    """Return the pairs of unknowns that are told only together, the strongest first."""
+    deviations = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(deviations, deviations)
+    pairs = [
+        (labels[i], labels[j], float(correlation[i, j]))
+        for i in range(len(labels))
+        for j in range(i + 1, len(labels))
+        if abs(correlation[i, j]) > TOGETHER
+    ]
+    return sorted(pairs, key=lambda pair: -abs(pair[2]))[:count]

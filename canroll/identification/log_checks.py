@@ -1,0 +1,197 @@
+"""Slips of a log that a fit would hide in its numbers: reversed signs, wrong units, no excitation.
+
+Steering, speed, yaw rate and lateral acceleration check each other by kinematics: a_y ≈ v r, and
+r ≈ v δ / (l + K v²) of the car where the fit starts. Roll signals are compared with that car's.
+"""
+
+from collections.abc import Iterator, Mapping
+from math import degrees, inf
+from math import log as natural
+from typing import NamedTuple
+
+import numpy as np
+
+from canroll.errors import CanrollError
+from canroll.identification.drive_log import QUANTITIES, Log
+from canroll.identification.output_error import Model
+from canroll.identification.pieces import SAMPLE
+from canroll.typing import Vector
+from vehicles import GRAVITY, Vehicle
+
+LEAST_ACCELERATION = 0.3
+"""RMS of the lateral acceleration (m/s²) below which road and sensors bring as much as steering."""
+NEAR = natural(2.5)
+"""A slip changes a ratio by more; another car than the one at the start by less."""
+SAME = natural(1.6)
+"""The same for signals of one motion, whatever the car."""
+RELATED = 0.5
+"""Correlation below which two signals have nothing to do with each other."""
+LAG = 0.1
+"""Largest delay between signals (s) of which a sign is told."""
+RADIAN = degrees(1.0)
+
+
+class _Slip(NamedTuple):
+    """One signal times ``factor``, in words, and the unit that it then has."""
+
+    signal: str
+    factor: float
+    words: str
+    unit: str = ""
+
+
+def _slips(ratio: float) -> Iterator[_Slip]:
+    for signal in ("yaw_rate", "lateral_acceleration", "steering"):
+        yield _Slip(signal, -1.0, "its sign is reversed")
+    for signal, factor, large, small in (
+        ("yaw_rate", RADIAN, "deg/s", "rad/s"),
+        ("steering", RADIAN, "deg", "rad"),
+        ("lateral_acceleration", GRAVITY, "m/s2", "g"),
+        ("speed", 3.6, "km/h", "m/s"),
+    ):
+        yield _Slip(signal, factor, f"{factor:.2g} times too large", large)
+        yield _Slip(signal, 1.0 / factor, f"{factor:.2g} times too small", small)
+    words = f"{ratio:.3g} times too small: it is the angle at the road wheels, not at the wheel"
+    yield _Slip("steering", 1.0 / ratio, words)
+
+
+def check(log: Log, model: Model) -> None:
+    """Refuse a log whose signals cannot be those of a driven car.
+
+    Raises:
+        CanrollError: no excitation, or slips: one line with the remedy of each.
+    """
+    steering, speed = (
+        np.concatenate([getattr(piece, name) for piece in model.pieces])
+        for name in ("steering", "speed")
+    )
+    signals = {name: model.measured[:, i] for i, name in enumerate(model.names)}
+    there = model.compared.all(axis=1)
+    if there.sum() * SAMPLE < 1.0:
+        raise CanrollError(f"{log.name}: less than 1 s that has all signals and counts")
+    lateral = signals["lateral_acceleration"][there]
+    if np.std(lateral) < LEAST_ACCELERATION:
+        raise CanrollError(
+            f"{log.name}: no excitation: lateral acceleration of {np.std(lateral):.2g} m/s² RMS "
+            f"tells nothing of the car; {LEAST_ACCELERATION:g} are needed: steer, or choose "
+            "another part by --from and --to"
+        )
+    signals = {name: values[there] for name, values in signals.items()}
+    signals |= {"steering": steering[there], "speed": speed[there]}
+    slip = _kinematic(log, model.vehicle, signals)
+    if slip is not None:
+        raise CanrollError(f"{log.name}: {_remedy(log, slip)}")
+    found = list(_rolling(log, model))
+    if found:
+        raise CanrollError(f"{log.name}: {'; '.join(found)}")
+
+
+def _remedy(log: Log, slip: _Slip) -> str:
+    label = QUANTITIES[slip.signal].label
+    option = _option(log, slip.signal, slip.unit, turned=slip.factor < 0.0)
+    if slip.factor > 0.0 and not slip.unit:
+        option = "--vehicle-set steering.ratio=1"
+    return f"{label}: {slip.words}: give {option}"
+
+
+def _option(log: Log, signal: str, unit: str, *, turned: bool) -> str:
+    """Return the option that reads a signal in another unit ("": the same) or sign."""
+    choice = log.channels[signal].choice
+    own = choice.unit if abs(choice.factor) == 1.0 else ""  # else it is that of a map
+    sign = "-" if turned != (choice.factor < 0.0) else ""
+    return f"--signal {signal}={sign}{choice.name}" + (f":{unit or own}" if unit or own else "")
+
+
+def _gain(y: Vector, x: Vector) -> tuple[float, float]:
+    """Return the slope of y over x, and their correlation; means do not count."""
+    x, y = x - x.mean(), y - y.mean()
+    xx, yy, xy = x @ x, y @ y, x @ y
+    if not xx * yy > 0.0:
+        return 0.0, 0.0
+    # both may be noisy: the geometric mean of the two regressions, with their sign
+    return float(np.sign(xy) * np.sqrt(yy / xx)), float(xy / np.sqrt(xx * yy))
+
+
+def _gains(vehicle: Vehicle, signals: Mapping[str, Vector]) -> list[tuple[float, float]]:
+    """Return slope and correlation of a_y over v r, and of r over what the steering gives."""
+    steering, speed, yaw_rate = (signals[name] for name in ("steering", "speed", "yaw_rate"))
+    length = vehicle.geometry.wheelbase + vehicle.understeer * speed**2
+    return [
+        _gain(signals["lateral_acceleration"], speed * yaw_rate),
+        _gain(yaw_rate, speed * steering / vehicle.steering.ratio / length),
+    ]
+
+
+def _far(gains: list[tuple[float, float]]) -> float:
+    """Distance of both slopes from 1, infinite where a sign is wrong."""
+    if min(slope for slope, _ in gains) <= 0.0:
+        return inf
+    return sum(abs(natural(slope)) for slope, _ in gains)
+
+
+def _kinematic(log: Log, vehicle: Vehicle, signals: Mapping[str, Vector]) -> _Slip | None:
+    """Return the slip that explains the signals best; None if they agree.
+
+    Raises:
+        CanrollError: none does.
+    """
+    gains = _gains(vehicle, signals)
+    for (_, correlation), what in zip(
+        gains,
+        ("lateral acceleration and speed × yaw rate", "yaw rate and steering"),
+        strict=True,
+    ):
+        if abs(correlation) < RELATED:
+            raise CanrollError(
+                f"{log.name}: {what} have a correlation of {correlation:.2f}: they are not of one "
+                "drive, or one of their names is wrong"
+            )
+    if _far(gains) < NEAR:
+        return None
+    best, least = None, inf
+    for slip in _slips(vehicle.steering.ratio):
+        corrected = {**signals, slip.signal: signals[slip.signal] / slip.factor}
+        if (far := _far(_gains(vehicle, corrected))) < least:
+            best, least = slip, far
+    if least < NEAR:
+        return best
+    (kinematic, _), (turning, _) = gains
+    if kinematic > 0.0 and abs(natural(kinematic)) < SAME and _far(gains) < 2 * NEAR:
+        return None  # a car that is unlike the one at the start
+    raise CanrollError(
+        f"{log.name}: lateral acceleration is {kinematic:.3g} times speed × yaw rate, and yaw rate "
+        f"{turning:.3g} times what the steering gives: check units and signs by --signal"
+    )
+
+
+def _rolling(log: Log, model: Model) -> Iterator[str]:
+    """Yield the slips of the signals of roll, against the car at the start."""
+    simulated = model.simulated(np.zeros(len(model.unknowns)))
+    if simulated is None:
+        raise CanrollError(f"{model.vehicle.name}: cannot be driven as in the log")
+    compared, shifts = model.compared, range(-round(LAG / SAMPLE), round(LAG / SAMPLE) + 1)
+    for i, name in enumerate(model.names):
+        if name in ("yaw_rate", "lateral_acceleration"):
+            continue
+        there, measured = compared[:, i], model.measured[:, i]
+        gains = [_gain(np.roll(measured, s)[there], simulated[there, i]) for s in shifts]
+        gains = [g for g in gains if np.isfinite(g).all()]
+        gain, correlation = max(gains, key=lambda g: abs(g[1]), default=(0.0, 0.0))
+        if abs(correlation) < RELATED:
+            continue
+        size = abs(gain)  # > 0, as they are correlated
+        units = {"rate": "deg/s rad/s", "angle": "deg rad", "length": "mm m"}
+        large, small = units[QUANTITIES[name].kind].split()
+        factor = 1e3 if large == "mm" else RADIAN
+        unit, words = "", []
+        if correlation < 0.0:
+            words.append(f"its sign is reversed (correlation {correlation:.2f} with the car's)")
+        if abs(natural(size / factor)) < NEAR:
+            unit = large
+            words.append(f"{factor:.0f} times too large")
+        elif abs(natural(size * factor)) < NEAR:
+            unit = small
+            words.append(f"{factor:.0f} times too small")
+        if words:
+            option = _option(log, name, unit, turned=correlation < 0.0)
+            yield f"{QUANTITIES[name].label}: {', '.join(words)}: give {option}"

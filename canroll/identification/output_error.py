@@ -1,0 +1,309 @@
+"""Output error: unknowns at which the simulated car moves as the measured one, given their priors.
+
+Maximum a posteriori with unknown noise (Maine and Iliff, NASA RP-1168): least squares over the
+signals, each weighted by the RMS of its own residual in the pass before, and over the priors.
+Residuals that are correlated over τ samples count as if there were τ times fewer.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from math import inf
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from canroll.cases.engine import Engine, results
+from canroll.errors import CanrollError
+from canroll.identification import replay, unknowns
+from canroll.identification.colour import correlation_times
+from canroll.identification.pieces import Piece, Window
+from canroll.identification.unknowns import STEERING_OFFSET, Unknown
+from canroll.typing import Vector
+from vehicles import Vehicle
+from vehicles.check import problems
+
+DIFFERENCE = 2e-3
+"""Step of the numerical derivatives, in standard deviations of the priors."""
+IMPOSSIBLE = 1e3
+"""Residual, in standard deviations, where no car can have the numbers, or it rolls over."""
+FIRST_NOISE = 0.1
+"""Residual of a signal in its own standard deviation that the first pass assumes."""
+EVALUATIONS = 30
+SETTLED = 0.05
+"""A search ends where a step lowers the cost by less: no number moves by a third of its deviation.
+"""
+ROUGH = 2.0
+"""The same for a search that only tells which start is the best."""
+WHITE_PASSES = 2
+
+Slopes: TypeAlias = NDArray[np.float64]
+Drive: TypeAlias = Callable[[Sequence[Vector]], list[NDArray[np.float64] | None]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Model:
+    """A vehicle, the pieces of a log, and what is unknown of both.
+
+    ``frame`` is a key of :data:`canroll.identification.replay.FRAMES`, ``window`` what is compared.
+    """
+
+    vehicle: Vehicle
+    pieces: tuple[Piece, ...]
+    frame: str
+    window: Window
+    unknowns: tuple[Unknown, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The measured signals."""
+        return self.pieces[0].names
+
+    @property
+    def mean(self) -> Vector:
+        """Means of the priors."""
+        return np.array([unknown.mean for unknown in self.unknowns])
+
+    @property
+    def deviation(self) -> Vector:
+        """Standard deviations of the priors."""
+        return np.array([unknown.deviation for unknown in self.unknowns])
+
+    @property
+    def bounds(self) -> tuple[Vector, Vector]:
+        """Bounds of the unknowns in deviations from their means."""
+        least = np.array([unknown.least for unknown in self.unknowns])
+        most = np.array([unknown.most for unknown in self.unknowns])
+        return (least - self.mean) / self.deviation, (most - self.mean) / self.deviation
+
+    @property
+    def measured(self) -> NDArray[np.float64]:
+        """Measured signals of all pieces, (n, m)."""
+        return np.concatenate([piece.measured for piece in self.pieces])
+
+    @property
+    def compared(self) -> NDArray[np.bool_]:
+        """Which of them count."""
+        return np.concatenate([piece.compared(self.window) for piece in self.pieces])
+
+    def values(self, x: Vector) -> dict[str, float]:
+        """Return the numbers at ``x``, by key."""
+        numbers = self.mean + self.deviation * x
+        return dict(zip((u.key for u in self.unknowns), numbers.tolist(), strict=True))
+
+    def motions(self, x: Vector) -> list[NDArray[np.float64]] | None:
+        """Return the records of all pieces; None where no car can have the numbers."""
+        values = self.values(x)
+        offset = values.get(STEERING_OFFSET, 0.0)
+        try:
+            vehicle = unknowns.applied(self.vehicle, values)
+            if any(problems(vehicle)):
+                return None
+            records = [replay.motion(vehicle, piece, offset) for piece in self.pieces]
+        except CanrollError:
+            return None
+        return records if all(np.isfinite(record).all() for record in records) else None
+
+    def observed(self, x: Vector, records: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Return what the sensors show of records, (n, m)."""
+        values, columns = self.values(x), replay.FRAMES[self.frame]
+        parts = []
+        for piece, record in zip(self.pieces, records, strict=True):
+            parts.append(
+                np.column_stack(
+                    [
+                        replay.sampled(
+                            record, columns[name], piece, values.get(unknowns.delay_key(name), 0.0)
+                        )
+                        + values.get(unknowns.offset_key(name), 0.0)
+                        for name in piece.names
+                    ]
+                )
+            )
+        return np.concatenate(parts)
+
+    def simulated(self, x: Vector) -> NDArray[np.float64] | None:
+        """Return the simulated signals, (n, m); None where no car can have the numbers."""
+        records = self.motions(x)
+        return None if records is None else self.observed(x, records)
+
+    def slopes(self, x: Vector, drive: Drive | None = None) -> Slopes:
+        """Return the derivatives of the simulated signals, (n, m, p), by differences.
+
+        A delay or offset of a signal needs no new drive. ``drive``: returns the simulated signals
+        at several points, by default one after the other.
+        """
+        records = self.motions(x)
+        assert records is not None  # the search stands nowhere else
+        here = self.observed(x, records)
+        result = np.zeros((*here.shape, x.size))
+        drives = []
+        for i, unknown in enumerate(self.unknowns):
+            if unknown.of_log and unknown.key != STEERING_OFFSET:
+                there = self.observed(_moved(x, i, DIFFERENCE), records)
+                result[:, :, i] = (there - here) / DIFFERENCE
+            else:
+                drives.append(i)
+        several = drive or (lambda points: [self.simulated(point) for point in points])
+        for i, ahead in zip(
+            drives, several([_moved(x, i, DIFFERENCE) for i in drives]), strict=True
+        ):
+            if ahead is not None:
+                result[:, :, i] = (ahead - here) / DIFFERENCE
+                continue
+            behind = self.simulated(_moved(x, i, -DIFFERENCE))
+            if behind is not None:
+                result[:, :, i] = (here - behind) / DIFFERENCE
+        return result
+
+
+def _moved(x: Vector, i: int, step: float) -> Vector:
+    moved = x.copy()
+    moved[i] += step
+    return moved
+
+
+def driver(model: Model, where: Engine) -> Drive:
+    """Return what drives a model at several points by the processes of an engine."""
+    shared = where.common(model)
+
+    def drive(points: Sequence[Vector]) -> list[NDArray[np.float64] | None]:
+        tasks = [(f"{i}", simulated_at, (shared, point)) for i, point in enumerate(points)]
+        return [signals for _, signals, _ in results(where, None, tasks)]
+
+    return drive
+
+
+def simulated_at(model: Model, x: Vector) -> NDArray[np.float64] | None:
+    """Return the simulated signals of a model at a point: a task of its own."""
+    return model.simulated(x)
+
+
+@dataclass(frozen=True, slots=True)
+class How:
+    """What drives a model at several points, and what is called after every step of a search."""
+
+    drive: Drive | None = None
+    report: Callable[[], None] = lambda: None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Point:
+    """Where a search has ended.
+
+    Attributes:
+        x: unknowns in deviations from the means of their priors.
+        cost: half the sum of squares there.
+        scale: residual of each signal that counts as one (m), √τ times its RMS.
+    """
+
+    x: Vector
+    cost: float
+    scale: Vector
+
+
+def first_scale(model: Model) -> Vector:
+    """Return the scale of the residuals for a first pass."""
+    measured = np.where(model.compared, model.measured, np.nan)
+    return np.asarray(FIRST_NOISE * np.maximum(np.nanstd(measured, axis=0), 1e-9))
+
+
+def residuals(model: Model, simulated: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return simulated minus measured, (n, m), 0 where nothing is compared."""
+    compared = model.compared
+    return np.where(compared, simulated - np.where(compared, model.measured, 0.0), 0.0)
+
+
+def rms(model: Model, errors: NDArray[np.float64]) -> Vector:
+    """Return the RMS of each signal's residuals."""
+    return np.asarray(np.sqrt((errors**2).sum(axis=0) / np.maximum(model.compared.sum(axis=0), 1)))
+
+
+def search(
+    model: Model, begin: Point, free: NDArray[np.bool_], how: How, least: float = SETTLED
+) -> Point:
+    """Search from a point, with its scale, for the ``free`` unknowns; the others stay there.
+
+    It ends where a step lowers the cost by less than ``least``.
+    """
+    x, scale = begin.x, begin.scale
+    count = model.compared.size
+
+    # the first trust region is as large as the start: by this shift a deviation of each unknown
+    def full(shifted: Vector) -> Vector:
+        whole = x.copy()
+        whole[free] = shifted - 1.0
+        return whole
+
+    def weighted(part: Vector) -> Vector:
+        simulated = model.simulated(full(part))
+        if simulated is None:
+            return np.concatenate((np.full(count, IMPOSSIBLE), part - 1.0))
+        return np.concatenate(((residuals(model, simulated) / scale).ravel(), part - 1.0))
+
+    def slopes(part: Vector) -> NDArray[np.float64]:
+        derivatives = model.slopes(full(part), how.drive)[:, :, free] / scale[:, None]
+        derivatives[~model.compared] = 0.0
+        how.report()
+        return np.concatenate((derivatives.reshape(count, -1), np.eye(part.size)))
+
+    low, high = model.bounds
+    start = np.clip(x[free], low[free] + 1e-9, high[free] - 1e-9)
+    solved = least_squares(
+        weighted,
+        start + 1.0,
+        slopes,
+        (low[free] + 1.0, high[free] + 1.0),
+        ftol=least / (0.5 * model.compared.sum()),
+        xtol=1e-4,
+        max_nfev=EVALUATIONS,
+    )
+    return Point(full(solved.x), float(solved.cost), scale)
+
+
+def refined(model: Model, point: Point, how: How) -> Point:
+    """Search again from a point, with the weights of the residuals.
+
+    At first they count as white. Correlation is judged by what the best fit leaves: residuals of a
+    car far from the measured one would make the log worth little, and keep it far.
+    """
+    every = np.ones(point.x.size, bool)
+    for _ in range(WHITE_PASSES):
+        white, _ = weights(model, point.x)
+        point = search(model, Point(point.x, inf, white), every, how)
+    white, times = weights(model, point.x)
+    return search(model, Point(point.x, inf, white * np.sqrt(times)), every, how)
+
+
+def weights(model: Model, x: Vector) -> tuple[Vector, Vector]:
+    """Return of each signal the RMS of its residuals at a point, and their correlation time.
+
+    The time is in samples, at least 1.
+    """
+    simulated = model.simulated(x)
+    assert simulated is not None  # the search has ended there
+    errors = residuals(model, simulated)
+    times = correlation_times(errors, model.compared)
+    return np.maximum(rms(model, errors), 1e-12), times
+
+
+def starts(model: Model, count: int, seed: int) -> Iterator[Vector]:
+    """Yield the prior mean, and ``count`` − 1 draws of the vehicle's numbers from the prior."""
+    least, most = model.bounds
+    of_log = np.array([unknown.of_log for unknown in model.unknowns])
+    yield np.zeros(len(of_log))
+    generator = np.random.default_rng(seed)
+    for _ in range(count - 1):
+        for _ in range(100):
+            x = np.where(of_log, 0.0, generator.standard_normal(len(of_log)))
+            x = np.clip(x, least, most)
+            if model.motions(x) is not None:
+                yield x
+                break
+
+
+def searched(model: Model, x: Vector, how: How) -> Point:
+    """Search roughly from one start over all unknowns, with the weights of a first pass."""
+    every = np.ones(x.size, bool)
+    return search(model, Point(x, inf, first_scale(model)), every, how, ROUGH)

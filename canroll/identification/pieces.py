@@ -1,0 +1,195 @@
+"""A log as pieces on a uniform time base: cut at gaps, resets and standstill, without outliers."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError
+from canroll.identification.drive_log import INPUTS, OUTPUTS, QUANTITIES, Log
+from canroll.typing import Vector
+
+SAMPLE = 0.01
+"""Interval of the time base (s): the car does nothing above 20 Hz."""
+RUN_IN = 1.0
+"""First part of a piece (s), in which the car forgets that it was not driving straight before."""
+SHORTEST = 2.0
+"""A shorter piece (s) is left out."""
+SLOWEST = 5.0
+"""Speed (m/s) below which the plant's tyres are not valid."""
+GAP = 0.15
+"""Time (s) without a sample of steering or speed after which nothing is known of the drive."""
+OUTLIER = 12.0
+"""Distance from the median of five neighbours, in usual ones, beyond which a sample is none.
+
+It must also exceed the standard deviation of the whole signal: noise grows with the speed.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Part of a log, from ``begin`` to before ``end`` (s of its clock)."""
+
+    begin: float = -np.inf
+    end: float = np.inf
+
+
+EVERYTHING = Window()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """A stretch of driving, sampled every :data:`SAMPLE` from ``begin`` (s) on.
+
+    ``steering`` (rad at the wheel) and ``speed`` (m/s) have shape (n,); ``measured`` (n, m) has the
+    columns of ``names`` in SI units, NaN where there is no sample.
+    """
+
+    begin: float
+    steering: Vector
+    speed: Vector
+    names: tuple[str, ...]
+    measured: NDArray[np.float64]
+
+    @property
+    def time(self) -> Vector:
+        """Times of the samples (s)."""
+        return np.asarray(self.begin + SAMPLE * np.arange(len(self.speed)), float)
+
+    def compared(self, window: Window) -> NDArray[np.bool_]:
+        """Return which values count: those measured in ``window``, after the run-in."""
+        time = self.time
+        inside = (time >= window.begin) & (time < window.end) & (time >= self.begin + RUN_IN)
+        return inside[:, None] & np.isfinite(self.measured)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Clean:
+    """A channel with increasing times, and the times at which its clock was set back."""
+
+    times: Vector
+    values: Vector
+    resets: tuple[float, ...]
+    remarks: tuple[str, ...]
+
+
+def pieces(log: Log, window: Window) -> tuple[tuple[Piece, ...], tuple[str, ...]]:
+    """Return the pieces of a log that cover ``window``, and what was left out, a line each.
+
+    Raises:
+        CanrollError: nothing is left.
+    """
+    names = tuple(name for name in OUTPUTS if name in log.channels)
+    clean = {name: _cleaned(log, name) for name in (*INPUTS, *names)}
+    remarks = [*log.remarks]
+    for channel in clean.values():
+        remarks += channel.remarks
+    begin = max(channel.times[0] for channel in clean.values())
+    end = min(channel.times[-1] for channel in clean.values())
+    begin, end = max(begin, window.begin - RUN_IN), min(end, window.end)
+    if not end - begin >= SHORTEST:
+        raise CanrollError(
+            f"{log.name}: {max(end - begin, 0.0):.2g} s that all signals have in common: at least "
+            f"{SHORTEST:g} s are needed"
+        )
+    parts = list(_stretches(clean, begin, end))
+    left = sum(b - a for a, b in parts)
+    if left < end - begin - 0.1:
+        remarks.append(
+            f"{end - begin - left:.1f} s of {end - begin:.1f} s left out: gaps, resets, slower "
+            f"than {3.6 * SLOWEST:.0f} km/h, or shorter than {SHORTEST:g} s"
+        )
+    if not parts:
+        raise CanrollError(
+            f"{log.name}: no {SHORTEST:g} s of it without a gap and faster than "
+            f"{3.6 * SLOWEST:.0f} km/h"
+        )
+    return tuple(_piece(clean, names, a, b) for a, b in parts), tuple(remarks)
+
+
+def _cleaned(log: Log, name: str) -> _Clean:
+    channel, label = log.channels[name], QUANTITIES[name].label
+    times, values, remarks = channel.times, channel.values, []
+    steps = np.diff(times)
+    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0
+    # a clock that was set back: what follows is another drive, after the first
+    back = np.flatnonzero(steps < -2 * usual)
+    resets = []
+    if back.size:
+        times = times.copy()
+        for i in back:
+            times[i + 1 :] += times[i] - times[i + 1] + GAP + 2 * usual
+            resets.append(float(times[i]))
+        remarks.append(f"{label}: its time is set back {back.size} times: cut there")
+    order = np.concatenate(([True], np.diff(np.maximum.accumulate(times)) > 0))
+    times, values = times[order], values[order]
+    if len(times) < 2:
+        raise CanrollError(f"{log.name}: {channel.source}: its times do not increase")
+    usual = float(np.median(np.diff(times)))
+    far = _outliers(values)
+    if far.any():
+        remarks.append(f"{label}: {np.sum(far)} outliers left out")
+        times, values = times[~far], values[~far]
+    gaps = np.diff(times) > max(GAP, 2.5 * usual)
+    if gaps.sum() > len(resets):
+        longest = float(np.diff(times).max())
+        remarks.append(f"{label}: {gaps.sum() - len(resets)} gaps, the longest of {longest:.2f} s")
+    block = max(int(SAMPLE / usual + 0.5), 1)
+    if block > 1:  # a mean over a sample instead of picking one: noise above is no signal
+        count = len(times) // block * block
+        times = times[:count].reshape(-1, block).mean(axis=1)
+        values = values[:count].reshape(-1, block).mean(axis=1)
+    return _Clean(times, values, tuple(resets), tuple(remarks))
+
+
+def _outliers(values: Vector) -> NDArray[np.bool_]:
+    """Return which samples are far from both neighbours, as nothing that moves can be."""
+    if len(values) < 5:
+        return np.zeros(len(values), bool)
+    padded = np.pad(values, 2, mode="edge")
+    around = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
+    away = np.abs(values - around)
+    scale = 1.4826 * np.median(away[away > 0]) if np.any(away > 0) else 0.0
+    return np.asarray(away > max(OUTLIER * scale, float(np.std(values)), 1e-12))
+
+
+def _stretches(clean: dict[str, _Clean], begin: float, end: float) -> Iterator[tuple[float, float]]:
+    """Yield begin and end of what can be driven: steering and speed known, fast enough."""
+    cuts: list[tuple[float, float]] = []
+    for name in INPUTS:
+        times = clean[name].times
+        long = np.flatnonzero(np.diff(times) > GAP)
+        cuts += [(float(times[i]), float(times[i + 1])) for i in long]
+    speed = clean["speed"]
+    slow = speed.values < SLOWEST
+    edges = np.flatnonzero(np.diff(slow.astype(int)))
+    bounds = [0, *(edges + 1).tolist(), len(slow)]
+    for start, stop in pairwise(bounds):
+        if slow[start]:
+            cuts.append((float(speed.times[start]), float(speed.times[stop - 1])))
+    at = begin
+    for first, last in sorted(cuts):
+        if first - at >= SHORTEST:
+            yield at, min(first, end)
+        at = max(at, last)
+        if at >= end:
+            return
+    if end - at >= SHORTEST:
+        yield at, end
+
+
+def _piece(clean: dict[str, _Clean], names: tuple[str, ...], begin: float, end: float) -> Piece:
+    time = begin + SAMPLE * np.arange(int((end - begin) / SAMPLE) + 1)
+
+    def sampled(name: str) -> Vector:
+        return np.asarray(np.interp(time, clean[name].times, clean[name].values))
+
+    measured = np.column_stack([sampled(name) for name in names])
+    for column, name in enumerate(names):
+        times = clean[name].times
+        usual = float(np.median(np.diff(times)))
+        for i in np.flatnonzero(np.diff(times) > max(2.5 * usual, 2.5 * SAMPLE)):
+            measured[(time > times[i]) & (time < times[i + 1]), column] = np.nan
+    return Piece(begin, sampled("steering"), sampled("speed"), names, measured)

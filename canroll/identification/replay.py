@@ -1,0 +1,104 @@
+"""The 14-DOF plant driven with a measured steering and speed: no bus, no ECU."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.identification.pieces import SAMPLE, Piece
+from canroll.typing import Vector
+from plant_sim import bodies
+from plant_sim.bodies import ports
+from plant_sim.bodies.ports import WHEELS, initial_inputs
+from plant_sim.kernels.jit import njit
+from plant_sim.nodes.imu_motion import FORCE, N_MOTION, RATE, specific_motion
+from vehicles import Vehicle
+
+STEP = 0.001
+"""Step of the plant (s)."""
+RECORDED = 2
+"""Steps between two recorded rows: signals are delayed by interpolation between them."""
+SPEED_GAIN = 20.0
+"""Traction per mass and error in speed (1/s): follows 3.5 m/s² within 0.2 m/s."""
+
+# Columns of a record: as an inertial unit along the body's axes gives them, levelled, and the rest.
+BODY_YAW, BODY_AY, BODY_ROLL, YAW, AY, ROLL_RATE, ROLL, TRAVEL = range(8)
+N_COLUMNS = TRAVEL + 4
+
+_REST = {"roll": ROLL} | {f"travel_{wheel}": TRAVEL + k for k, wheel in enumerate(WHEELS)}
+FRAMES: Mapping[str, Mapping[str, int]] = {
+    "body": {"yaw_rate": BODY_YAW, "lateral_acceleration": BODY_AY, "roll_rate": BODY_ROLL} | _REST,
+    "levelled": {"yaw_rate": YAW, "lateral_acceleration": AY, "roll_rate": ROLL_RATE} | _REST,
+}
+"""Column of each signal by the axes of the inertial unit.
+
+"body": rates about and specific force along its own axes, with gravity's share in a roll.
+"levelled": rates of the Euler angles and horizontal acceleration, as navigation units give them.
+"""
+
+
+class _Run(NamedTuple):
+    state: Vector
+    inputs: Vector
+    parameters: Vector
+    outputs: Vector
+    steer: Vector
+    speed: Vector
+    arm: Vector
+    record: NDArray[np.float64]
+
+
+@njit
+def _drive_through(step: Any, run: _Run, mass: float) -> None:  # noqa: ANN401
+    """Fill the record: the state before a step belongs to the time of the inputs."""
+    motion = np.zeros(N_MOTION)
+    step(run.state, run.inputs, run.parameters, run.outputs, 0.0)
+    for k in range(len(run.steer)):
+        if k % RECORDED == 0:
+            specific_motion(run.inputs, run.outputs, run.arm, motion)
+            roll = run.outputs[ports.ROLL]
+            row = run.record[k // RECORDED]
+            row[BODY_YAW], row[BODY_ROLL] = motion[RATE + 2], motion[RATE]
+            row[BODY_AY] = motion[FORCE + 1]
+            row[AY] = np.cos(roll) * motion[FORCE + 1] - np.sin(roll) * motion[FORCE + 2]
+            row[YAW], row[ROLL_RATE] = run.outputs[ports.YAW_RATE], run.outputs[ports.ROLL_RATE]
+            row[ROLL] = roll
+            for wheel in range(4):
+                row[TRAVEL + wheel] = run.outputs[ports.TRAVEL + wheel]
+        run.inputs[ports.STEER] = run.steer[k]
+        run.inputs[ports.DRIVE_FORCE] = SPEED_GAIN * mass * (run.speed[k] - run.outputs[ports.VX])
+        step(run.state, run.inputs, run.parameters, run.outputs, STEP)
+
+
+def motion(vehicle: Vehicle, piece: Piece, steering_offset: float) -> NDArray[np.float64]:
+    """Drive the plant through a piece of a log, from straight running.
+
+    Args:
+        vehicle: the car; ``sensors.imu_position`` is where its inertial unit sits.
+        piece: what was steered, and how fast.
+        steering_offset: of the measured steering-wheel angle (rad), subtracted.
+
+    Returns:
+        a row every ``RECORDED * STEP`` from the piece's begin on, (k, :data:`N_COLUMNS`).
+
+    Raises:
+        CanrollError: no plant can have these numbers.
+    """
+    body = bodies.body("nonlinear")
+    steps = round(len(piece.speed) * SAMPLE / STEP)
+    at, known = STEP * np.arange(steps), SAMPLE * np.arange(len(piece.speed))
+    steer = (np.interp(at, known, piece.steering) - steering_offset) / vehicle.steering.ratio
+    speed = np.interp(at, known, piece.speed)
+    state, parameters = body.build(vehicle, float(speed[0]))
+    record = np.empty((-(-steps // RECORDED), N_COLUMNS))
+    arm, outputs = np.array(vehicle.sensors.imu_position), np.zeros(ports.N_OUTPUTS)
+    run = _Run(state, initial_inputs(), parameters, outputs, steer, speed, arm, record)
+    _drive_through(body.step, run, vehicle.total_mass)
+    return record
+
+
+def sampled(record: NDArray[np.float64], column: int, piece: Piece, delay: float) -> Vector:
+    """Return a column at the samples of a piece, ``delay`` (s) later than it happens."""
+    at = SAMPLE * np.arange(len(piece.speed)) - delay
+    return np.asarray(np.interp(at, RECORDED * STEP * np.arange(len(record)), record[:, column]))

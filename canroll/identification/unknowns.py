@@ -1,0 +1,219 @@
+"""The numbers that a log may tell: of the vehicle and of the measurement, with their priors."""
+
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from canroll.errors import CanrollError, UnknownNameError
+from canroll.identification.drive_log import QUANTITIES
+from vehicles import Vehicle
+from vehicles.roll_stiffness import springs_within
+
+LOG = "log"
+"""Section of the unknowns of the measurement, which no vehicle file has."""
+STEERING_OFFSET = f"{LOG}.steering_offset"
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """A number to fit: key of the vehicle file or of the log, label, unit, prior and bounds.
+
+    ``mean`` and ``deviation`` are those of the prior, in ``unit``; ``prior`` says where its spread
+    is from. The key of one number of a list ends in its place.
+    """
+
+    key: str
+    label: str
+    unit: str
+    mean: float
+    deviation: float
+    least: float
+    most: float
+    prior: str
+
+    @property
+    def of_log(self) -> bool:
+        """Whether it is a number of the measurement."""
+        return self.key.startswith(f"{LOG}.")
+
+
+@dataclass(frozen=True, slots=True)
+class _Number:
+    """Label and unit of a vehicle's number; the usual spread of a guess, relative or absolute."""
+
+    label: str
+    unit: str
+    relative: float = 0.0
+    absolute: float = 0.0
+    least: float = -1.0
+    most: float = 1.0
+
+
+NUMBERS = {
+    "tyre.cornering_stiffness_front": _Number("cornering stiffness, front", "N/rad", 0.25),
+    "tyre.cornering_stiffness_rear": _Number("cornering stiffness, rear", "N/rad", 0.25),
+    "tyre.cornering_load_slope": _Number(
+        "fall of cornering stiffness over load", "", 0.0, 0.1, 0.0, 0.49
+    ),
+    "tyre.friction": _Number("friction", "", 0.1),
+    "tyre.relaxation_length": _Number("relaxation length", "m", 0.3),
+    "mass.yaw_inertia": _Number("yaw inertia", "kg·m²", 0.15),
+    "plant.roll_inertia": _Number("roll inertia", "kg·m²", 0.2),
+    "plant.roll_damping": _Number("roll damping", "N·m·s/rad", 0.5),
+    "plant.roll_stiffness": _Number("roll stiffness", "N·m/rad", 0.25),
+    "plant.cg_height_above_roll_axis": _Number("CG above roll axis", "m", 0.15),
+    "geometry.roll_centre_height_front": _Number("roll centre, front", "m", 0.0, 0.04, -0.2, 0.5),
+    "geometry.roll_centre_height_rear": _Number("roll centre, rear", "m", 0.0, 0.04, -0.2, 0.8),
+    "suspension.roll_stiffness_front_share": _Number(
+        "front share of roll stiffness", "", 0.0, 0.07, 0.1, 0.9
+    ),
+    "suspension.roll_damping_front_share": _Number(
+        "front share of roll damping", "", 0.0, 0.1, 0.1, 0.9
+    ),
+    "steering.ratio": _Number("steering ratio", "", 0.03),
+    "sensors.imu_position.0": _Number("inertial unit ahead of CG", "m", 0.0, 0.4, -3.0, 3.0),
+    "sensors.imu_position.2": _Number("inertial unit above CG", "m", 0.0, 0.25, -1.0, 2.0),
+}
+"""What of a vehicle file can be fitted."""
+WIDEST = 4.0
+"""A positive number may become so many times smaller or larger than its prior mean."""
+DELAY = 0.02
+"""Usual difference (s) between the stamps of two sensors."""
+OFFSETS = {"angle": 0.02, "rate": 0.02, "acceleration": 0.5, "length": 0.01}
+"""Usual offset of a sensor by kind of quantity, SI units."""
+STEERING_SPREAD = 0.06
+"""Usual angle (rad) of a steering wheel in straight driving."""
+
+MARGIN = 1e-3
+"""Distance, relative, from what is impossible."""
+
+KNOWN = ("measured", "given")
+"""First words of the source of a number that is not guessed: it is held."""
+_SPREAD = r"±\s*([\d.]+(?:e[+-]?\d+)?)\s*(%?)"
+
+
+def unknowns(
+    vehicle: Vehicle,
+    signals: Sequence[str],
+    *,
+    free: Collection[str] = (),
+    held: Collection[str] = (),
+) -> tuple[Unknown, ...]:
+    """Return the unknowns of a vehicle and of the log of its ``signals``.
+
+    The spread of a number is that of its source, "±17 %", else the usual one of a guess. Numbers
+    whose source begins with a word of :data:`KNOWN` are held.
+
+    Args:
+        vehicle: where the fit starts: its numbers are the means of the priors.
+        signals: measured outputs, names of :data:`QUANTITIES`.
+        free: keys to fit though they are known.
+        held: keys to hold.
+
+    Raises:
+        UnknownNameError: a key that cannot be fitted.
+        CanrollError: a key is free and held, or nothing is left.
+    """
+    of_vehicle = tuple(_of_vehicle(vehicle))
+    result = (*of_vehicle, *_of_log(signals))
+    keys = [unknown.key for unknown in result]
+    for key in (*free, *held):
+        if key not in keys:
+            raise UnknownNameError("number that a log may tell", key, keys)
+        if key in free and key in held:
+            raise CanrollError(f"{key}: it is to be fitted and to be held: choose one")
+    known = {u.key for u in of_vehicle if _origin(vehicle, u.key).startswith(KNOWN)} - {*free}
+    result = tuple(u for u in result if u.key not in known and u.key not in held)
+    if not result:
+        raise CanrollError("no number is left to fit: every one is held")
+    return result
+
+
+def _of_vehicle(vehicle: Vehicle) -> Iterator[Unknown]:
+    for key, number in NUMBERS.items():
+        if key.startswith("tyre.") and vehicle.magic_formula is not None:
+            continue
+        mean, source = value_of(vehicle, key), _origin(vehicle, key)
+        usual = number.absolute or number.relative * abs(mean)
+        place = key.rpartition(".")[2]
+        # of a list the spread of each number is followed by its place
+        match = re.search(_SPREAD + (rf"[^;]*\[{place}\]" if place.isdecimal() else ""), source)
+        deviation, prior = usual, "usual spread of an estimate"
+        if match and float(match[1]) > 0.0:
+            deviation = float(match[1]) * (abs(mean) / 100 if match[2] else 1.0)
+            prior = source.partition(":")[0]
+        if number.relative:
+            least, most = mean / WIDEST, mean * WIDEST
+        else:
+            least, most = min(number.least, mean), max(number.most, mean)
+        yield Unknown(key, number.label, number.unit, mean, deviation, least, most, prior)
+
+
+def _origin(vehicle: Vehicle, key: str) -> str:
+    """Return the source of a number, without the vehicles that it was taken over from."""
+    return re.sub(r"^(?:of (?:base )?[^:]+: )+", "", vehicle.source(key))
+
+
+def _of_log(signals: Sequence[str]) -> Iterator[Unknown]:
+    spread = STEERING_SPREAD
+    yield Unknown(STEERING_OFFSET, "steering offset", "rad", 0.0, spread, -0.5, 0.5, "usual")
+    for name in signals:
+        quantity = QUANTITIES[name]
+        deviation = OFFSETS[quantity.kind]
+        unit, most = quantity.unit, 10 * deviation
+        label = f"{quantity.label} offset"
+        yield Unknown(offset_key(name), label, unit, 0.0, deviation, -most, most, "usual")
+    for name in signals:
+        label = f"{QUANTITIES[name].label} delay"
+        yield Unknown(delay_key(name), label, "s", 0.0, DELAY, -0.15, 0.15, "usual")
+
+
+def offset_key(signal: str) -> str:
+    """Key of the offset of a signal, added to what the car does."""
+    return f"{LOG}.{signal}_offset"
+
+
+def delay_key(signal: str) -> str:
+    """Key of how much later a signal is stamped than the steering."""
+    return f"{LOG}.{signal}_delay"
+
+
+def value_of(vehicle: Vehicle, key: str) -> float:
+    """Return the number of a vehicle at a key."""
+    part: Any = vehicle
+    for name in key.split("."):
+        part = part[int(name)] if isinstance(part, tuple) else getattr(part, name)
+    return float(part)
+
+
+def applied(vehicle: Vehicle, values: Mapping[str, float]) -> Vehicle:
+    """Return ``vehicle`` with the ``values`` of its keys, unchecked; those of the log are left.
+
+    What steering does not show follows where it must: springs are no stiffer than the roll
+    stiffness permits, and the pitch inertia is one that a body with the other two can have.
+
+    Raises:
+        CanrollError: the tyres alone are softer in roll than the car.
+    """
+    alike = vehicle.design == vehicle.plant
+    for key, value in values.items():
+        section, *path = key.split(".")
+        if section != LOG:
+            vehicle = _changed(vehicle, [section, *path], value)
+    vehicle = springs_within(vehicle)
+    yaw, roll = vehicle.sprung_yaw_inertia, vehicle.plant.inertia_about_cg
+    least, most = (1.0 + MARGIN) * abs(yaw - roll), (1.0 - MARGIN) * (yaw + roll)
+    pitch = min(max(vehicle.mass.pitch_inertia, least), most)
+    if pitch != vehicle.mass.pitch_inertia:
+        vehicle = _changed(vehicle, ["mass", "pitch_inertia"], pitch)
+    return replace(vehicle, design=vehicle.plant) if alike else vehicle
+
+
+def _changed(record: Any, path: list[str], value: float) -> Any:  # noqa: ANN401
+    """Return ``record``, dataclasses with tuples in them, with the number at ``path`` replaced."""
+    name, *rest = path
+    if isinstance(record, tuple):
+        return tuple(value if i == int(name) else item for i, item in enumerate(record))
+    inner = _changed(getattr(record, name), rest, value) if rest else value
+    return replace(record, **{name: inner})

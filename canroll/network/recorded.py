@@ -1,0 +1,201 @@
+"""A bus log: its inferred messages, and the effect of additional ones on them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from canroll.network import COMMANDS
+from canroll.network.analysis import Options, delay_over
+from canroll.network.answer import Answer, Loop, Row, Segment, Times
+from canroll.network.as_json import log_json
+from plant_sim.buses.profile import BusProfile
+from plant_sim.can_bus.own_frames import messages_of, own_messages
+from plant_sim.can_bus.recorded_load import effects, joined, missing_from
+from plant_sim.can_bus.routing import RoutedNetwork
+from plant_sim.can_bus.simulation import NetworkSimulation
+from plant_sim.can_bus.traffic.arrivals import EVENT, MIXED, Arrivals
+from plant_sim.can_bus.traffic.inference import InferredBus, infer_bus, infer_buses
+from plant_sim.can_bus.traffic.log_reader import Progress
+from plant_sim.can_bus.traffic.messages import BusMessage
+from plant_sim.can_bus.wire.frame import REMOTE
+
+_MANY_TOO_CLOSE = 0.01
+"""Share of frames that come sooner than the bit rate allows, from which it is reported."""
+
+
+@dataclass(frozen=True, slots=True)
+class Added:
+    """Messages that come onto a recorded bus: the given ones, or ours in the frames of a profile.
+
+    ``name``: how they are called together.
+    """
+
+    name: str
+    profile: BusProfile
+    given: Sequence[BusMessage] | None = None
+
+    def messages(self, command: str) -> Sequence[BusMessage]:
+        """Return the messages with one command, as ours include one at a time."""
+        return own_messages(command, self.profile) if self.given is None else self.given
+
+    def loop(self, options: Options, bus: InferredBus | None = None) -> Loop:
+        """Return the loop over them, with our command that ``bus`` already has if it has one."""
+        if self.given is not None:
+            return options.loop(self.given)
+        ours = messages_of(self.profile)
+        recorded = [
+            message
+            for message in ours
+            if bus and message.name in COMMANDS and not missing_from(bus, [message])
+        ]
+        return options.loop(recorded or ours)
+
+
+@dataclass(frozen=True, slots=True)
+class Log:
+    """A bus log, on every channel of which messages are added.
+
+    ``channel`` None: all; ``bitrate``, ``data_bitrate`` None: inferred; ``section``: of a log whose
+    times step.
+    """
+
+    path: Path
+    added: Added
+    channel: str | None = None
+    bitrate: int | None = None
+    data_bitrate: int | None = None
+    section: int | None = None
+
+    def analyse(self, options: Options, progress: Progress) -> list[Answer]:
+        """Return the result of every channel."""
+        options.check_names(self.added.messages(self.added.loop(options).command))
+        rates: dict[str, Any] = {
+            "bitrate": self.bitrate,
+            "data_bitrate": self.data_bitrate,
+            "section": self.section,
+            "progress": progress,
+        }
+        if self.channel is None:
+            buses = infer_buses(self.path, **rates)
+        else:
+            buses = [infer_bus(self.path, channel=self.channel, **rates)]
+        return [self._answer(bus, options) for bus in buses]
+
+    def as_json(self, answers: Sequence[Answer]) -> dict[str, Any]:
+        """Return the JSON object of the results, by channel."""
+        return {"channels": {a.segments[0].name: log_json(a) for a in answers}}
+
+    def _answer(self, bus: InferredBus, options: Options) -> Answer:
+        loop = self.added.loop(options, bus)
+        messages = self.added.messages(loop.command)
+        rates = {"bitrate": bus.rate.nominal, "data_bitrate": bus.rate.data}
+        everything = RoutedNetwork.one_bus(joined(bus, messages), **rates)
+        # no ages: the log may have frames of our own messages, which would be sent twice
+        delay = delay_over(everything, loop, replace(options, duration_s=0.0))
+        added = RoutedNetwork.one_bus(missing_from(bus, messages), **rates)
+        if delay is not None:
+            added = added.in_every_tick(loop.command, tick_ms=loop.tick_ms)
+        simulation = options.simulate(added, bus.recording)
+        rows = _rows(bus, added, simulation, options)
+        segment = Segment(
+            bus.channel,
+            **rates,
+            rows=rows,
+            load=None if simulation is None else simulation.loads[0],
+            frames=0 if simulation is None else simulation.frames[0],
+        )
+        return Answer(
+            self.path.name,
+            (segment,),
+            loop,
+            delay,
+            head=_head(self.path.name, segment, bus),
+            added=self.added.name,
+            warnings=bus.warnings,
+            notes=tuple(_notes(bus, rows)),
+            facts=_facts(bus),
+        )
+
+
+def _rows(
+    bus: InferredBus,
+    added: RoutedNetwork,
+    simulation: NetworkSimulation | None,
+    options: Options,
+) -> list[Row]:
+    """Return the recorded and the added messages in the order of arbitration."""
+    simulated: dict[str, Times] = {}
+    if simulation is not None:
+        for r, arrival in zip(added.messages, simulation.arrivals, strict=True):
+            simulated[r.message.name] = Times.of(arrival[0].here)
+    messages = [r.message for r in added.messages]
+    rows = []
+    for effect in effects(bus, messages, errors=options.errors):
+        times = Times() if effect.seen else simulated.get(effect.message.name, Times())
+        row = Row(effect.after, times, (bus.channel,), effect.after.bound_ns, times)
+        rows.append(
+            replace(row, evidence=effect.seen, before=effect.before, assumes=effect.assumes)
+        )
+    return rows
+
+
+def _remote(bus: InferredBus) -> int:
+    """Return the number of remote frames in the log."""
+    return int((bus.recording.frames.flags & REMOTE != 0).sum())
+
+
+def _facts(bus: InferredBus) -> dict[str, Any]:
+    """Return the keys of the JSON object on the channel itself."""
+    return {
+        "bitrate_evidence": bus.rate.pairs,
+        "assumed": list(bus.rate.assumed),
+        "too_close": bus.rate.too_close,
+        "duration_s": bus.recording.duration_s,
+        "frames": len(bus.recording.frames.t_ns),
+        "remote_frames": _remote(bus),
+        "error_frames": bus.errors,
+        "remarks": list(bus.warnings),
+    }
+
+
+def _head(name: str, segment: Segment, bus: InferredBus) -> str:
+    """Return the line on frames and bit rate of the channel."""
+    rate = bus.rate
+    source = f"inferred from {rate.pairs} frames without a pause" if rate.pairs else "as given"
+    source = "assumed" if rate.assumed else source
+    remote = f" ({_remote(bus)} of them remote)" if _remote(bus) else ""
+    line = (
+        f"{name}, channel {bus.channel}: {len(bus.recording.frames.t_ns)} frames{remote} in"
+        f" {bus.recording.duration_s:g} s at {segment.kilobits} kbit/s ({source})"
+    )
+    if rate.too_close > _MANY_TOO_CLOSE:
+        line += (
+            f"\n{rate.too_close:.1%} of the frames come sooner than that rate allows: the times"
+            " of the log are those of a driver, or the rate is higher"
+        )
+    return line
+
+
+def _notes(bus: InferredBus, rows: Sequence[Row]) -> list[str]:
+    """Return the lines on what is not periodic, and on errors."""
+    lines = []
+    for kind in (MIXED, EVENT):
+        chosen = [m for m in bus.messages if m.arrivals.kind == kind]
+        if chosen:
+            spreads = (f"{m.message.ident:X} ({_spread(m.arrivals)})" for m in chosen)
+            lines.append(f"{kind}: {', '.join(spreads)}")
+    if any(row.assumes for row in rows):
+        lines.append("* assuming these are no more frequent than in the log")
+    if bus.errors:
+        frames = "error frame" if bus.errors == 1 else "error frames"
+        lines.append(f"{bus.errors} {frames} in the log: allow for them by --error-interval")
+    return lines
+
+
+def _spread(arrivals: Arrivals) -> str:
+    """Return the recorded spread of frames that are not, or not all, on a time grid."""
+    if arrivals.kind == MIXED:
+        text = f"{arrivals.between} of {arrivals.frames} between the periodic ones"
+        return text + (f", {arrivals.restarts} restarts" if arrivals.restarts else "")
+    return f"{arrivals.frames} frame" + ("s" if arrivals.frames != 1 else "")

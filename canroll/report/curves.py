@@ -1,0 +1,349 @@
+"""The plots of runs, the same for every run, so that several can be overlaid."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from canroll.report.figure import (
+    DASH_DOTTED,
+    DASHED,
+    DOTTED,
+    POINTS_MAX,
+    SOLID,
+    Figure,
+    Series,
+    distribution,
+    histogram,
+    thin_pieces,
+)
+from canroll.runs.metrics import (
+    MOMENTS,
+    has_wheel_loads,
+    load_transfer,
+    loads_of,
+    response_times,
+)
+from canroll.runs.trace import Trace
+from canroll.typing import Vector
+from plant_sim.bodies.ports import AXLES, WHEELS
+from plant_sim.world.spool import blocks, pieces, row_count
+from vehicles import GRAVITY
+
+PASSIVE_COLOUR = 0
+CONES_COLOUR = 2
+LOAD_WINDOW = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """One run on the page: its name in legends, its colour, and whether the ECU was in control."""
+
+    name: str
+    trace: Trace
+    colour: int
+    controlled: bool
+
+    @property
+    def dash(self) -> int:
+        """Dashes of its curves, so that coinciding curves remain visible."""
+        return dash(self.colour) if self.controlled else DASHED
+
+
+def dash(place: int) -> int:
+    """Return the dashes of curve number ``place``, from 1."""
+    return (SOLID, DASH_DOTTED, DOTTED)[(place - 1) % 3]
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """What is plotted: a function of recorded ``signals`` that takes each instant by itself."""
+
+    signals: tuple[str, ...]
+    of: Callable[..., Vector]
+
+    def curve(self, trace: Trace, points: int = POINTS_MAX) -> tuple[Vector, Vector]:
+        """Return times (s) and values of a run, thinned by :func:`canroll.report.figure.thin`."""
+        recorded = pieces(trace.signals, "time", *self.signals)
+        values = ((time, self.of(*columns)) for time, *columns in recorded)
+        return thin_pieces(values, row_count(trace.signals), points)
+
+
+def signal(name: str, scale: float = 1.0) -> Quantity:
+    """Return a recorded signal, times ``scale``."""
+    return Quantity((name,), lambda values: values * scale)
+
+
+def transfer(axle: str) -> Quantity:
+    """Return the load transfer of an axle."""
+    return Quantity(loads_of(axle), load_transfer)
+
+
+MOMENT = Quantity(MOMENTS, np.add)
+"""Anti-roll moment on the body from the actuators, N·m."""
+EFFECTIVE = Quantity(("ay", "bank"), lambda ay, bank: ay + GRAVITY * np.sin(bank))
+"""Lateral acceleration as an accelerometer in the upright body measures it, m/s²."""
+
+
+def _over_time(
+    runs: Sequence[Shown], id: str, title: str, ylabel: str, quantity: Quantity
+) -> Figure:
+    curves = [Series(run.name, *quantity.curve(run.trace), run.colour, run.dash) for run in runs]
+    return Figure(id, title, "time (s)", ylabel, curves, unit="s")
+
+
+def motion(runs: Sequence[Shown]) -> list[Figure]:
+    """Return roll angle and rate, lateral acceleration, load transfer of each axle."""
+    degrees = float(np.degrees(1))
+    loaded = all(has_wheel_loads(run.trace) for run in runs)
+    plots = [
+        ("roll", "Roll angle", "deg", signal("roll", degrees)),
+        ("roll-rate", "Roll rate", "deg/s", signal("roll_rate", degrees)),
+        (
+            "nlt-front",
+            "Load transfer, front axle",
+            "−1 to 1",
+            transfer("front"),
+        ),
+        (
+            "nlt-rear",
+            "Load transfer, rear axle",
+            "−1 to 1",
+            transfer("rear"),
+        ),
+        ("ay", "Lateral acceleration", "m/s²", signal("ay")),
+        ("path-error", "Distance from the driver's path", "m", signal("path_error")),
+        ("steer", "Steering at the road wheels", "deg", signal("steer", degrees)),
+    ]
+    return [
+        _over_time(runs, id, title, unit, quantity)
+        for id, title, unit, quantity in plots
+        if loaded or not id.startswith("nlt")
+    ]
+
+
+def control(runs: Sequence[Shown]) -> list[Figure]:
+    """Return moments, forces and the estimate of each controlled run."""
+    plots: list[Figure] = []
+    active = [run for run in runs if run.controlled]
+    if not active:
+        return plots
+    moments: list[Series] = []
+    for row, run in enumerate(active):
+        ticks, more = run.trace.ticks, f", {run.name}" if len(active) > 1 else ""
+        moments += [
+            Series(f"commanded{more}", ticks["t"], ticks["moment"], run.colour, DOTTED, "step"),
+            Series(
+                f"delivered{more}",
+                *MOMENT.curve(run.trace),
+                run.colour if len(active) > 1 else 2,
+            ),
+        ]
+        instants = ticks["t"][ticks["triggered"] == 1]
+        beats = ticks["t"][ticks["triggered"] == 2]
+        moments.append(_marks(f"sent on trigger{more}", instants, run.colour, 2 * row))
+        moments.append(_marks(f"heartbeat{more}", beats, 5, 2 * row + 1))
+    plots.append(
+        Figure(
+            "moment",
+            "Anti-roll moment",
+            "time (s)",
+            "N·m",
+            moments,
+            unit="s",
+            group="control",
+            note="marks at the foot: commands put on the bus",
+        )
+    )
+    for run in active:
+        more = f", {run.name}" if len(active) > 1 else ""
+        suffix = f"-{run.colour}" if len(active) > 1 else ""
+        plots.append(_forces(run, more, suffix))
+        plots += _loads([*(other for other in runs if not other.controlled), run], more, suffix)
+        plots += _estimates(run, more, suffix)
+    return plots
+
+
+def _marks(name: str, instants: Vector, colour: int, row: int) -> Series:
+    return Series(name, instants, np.zeros(len(instants)), colour, kind="marks", row=row)
+
+
+def _wheels(run: Shown, prefix: str) -> list[Series]:
+    dashes = (SOLID, DASHED, DOTTED, DASH_DOTTED)
+    return [
+        Series(
+            wheel.replace("_", " "),
+            *signal(f"{prefix}_{wheel}").curve(run.trace),
+            colour,
+            dash,
+        )
+        for wheel, colour, dash in zip(WHEELS, (1, 2, 6, 4), dashes, strict=True)
+    ]
+
+
+def _forces(run: Shown, more: str, suffix: str) -> Figure:
+    """Forces of the actuators on the body per corner, or moments of bars per axle."""
+    curves, title, unit = _wheels(run, "corner_force"), f"Actuator forces{more}", "N"
+    if not any(np.any(curve.y) for curve in curves):
+        curves = [
+            Series(f"{axle} axle", *signal(f"moment_{axle}").curve(run.trace), colour, dash)
+            for axle, colour, dash in zip(AXLES, (1, 2), (SOLID, DASHED), strict=True)
+        ]
+        title, unit = f"Moments of the bars{more}", "N·m"
+    return Figure(f"forces{suffix}", title, "time (s)", unit, curves, unit="s", group="control")
+
+
+def _loads(runs: Sequence[Shown], more: str, suffix: str) -> list[Figure]:
+    """Return the wheel loads of each axle, without and with control."""
+    loaded = [run for run in runs if has_wheel_loads(run.trace)]
+    return [
+        Figure(
+            f"loads-{axle}{suffix}", f"Wheel loads, {axle} axle{more}", "time (s)", "N",
+            [
+                Series(
+                    f"{side}, {run.name}",
+                    *signal(f"wheel_load_{axle}_{side}").curve(run.trace),
+                    colour,
+                    dashes[run.controlled],
+                )
+                for run in loaded
+                for side, colour, dashes in (
+                    ("left", 1, (DASHED, SOLID)), ("right", 2, (DOTTED, DASH_DOTTED)),
+                )
+            ],
+            unit="s", group="control", zero=True,
+        )
+        for axle in AXLES
+        if loaded
+    ]  # fmt: skip
+
+
+def _estimates(run: Shown, more: str, suffix: str) -> list[Figure]:
+    """Estimates of roll and of a_y + g·bank, which a car cannot distinguish."""
+    ticks = run.trace.ticks
+    degrees = float(np.degrees(1))
+    roll, rate = signal("roll", degrees), signal("roll_rate", degrees)
+    lateral = "lateral_acceleration"
+    plots = (
+        ("estimate", "Roll angle", "deg", "roll", roll, degrees),
+        ("estimate-rate", "Roll rate", "deg/s", "roll_rate", rate, degrees),
+        ("estimate-ay", "Effective lateral acceleration", "m/s²", lateral, EFFECTIVE, 1.0),
+    )
+    return [
+        Figure(
+            f"{id}{suffix}", f"{title}, true and estimated{more}", "time (s)", unit,
+            [
+                Series("true", *true.curve(run.trace), PASSIVE_COLOUR),
+                Series("estimated", ticks["t"], ticks[field] * scale, run.colour, DASHED, "step"),
+            ],
+            unit="s", group="control",
+        )
+        for id, title, unit, field, true, scale in plots
+    ]  # fmt: skip
+
+
+def path(runs: Sequence[Shown], cones: Vector) -> list[Figure]:
+    """Return the paths seen from above, and the ``cones``, (n, 2) in m."""
+    curves = []
+    for run in runs:
+        signals = run.trace.signals
+        places = thin_pieces(((x, y) for x, y in pieces(signals, "x", "y")), row_count(signals))
+        curves.append(Series(run.name, *places, run.colour, run.dash))
+    if len(cones):
+        curves.append(Series("cones", cones[:, 0], cones[:, 1], CONES_COLOUR, kind="points"))
+    return [
+        Figure(
+            "path", "Path", "forward (m)", "left (m)", curves, unit="m", linked=False, equal=True
+        )
+    ]
+
+
+def bus(runs: Sequence[Shown]) -> list[Figure]:
+    """Return load of the bus over time, response times and sample-to-force ages.
+
+    Only the last run is shown: the frames of the others differ only in payload.
+    """
+    run = runs[-1]
+    loads = [
+        Series(
+            f"segment {segment}" if segment else "bus of the controller",
+            *_load(run, segment),
+            colour,
+            dash,
+        )
+        for segment, colour, dash in zip(
+            np.unique(run.trace.frames["segment"]),
+            range(1, 8),
+            (SOLID, DASHED, DOTTED) * 3,
+            strict=False,
+        )
+    ]
+    plots = [
+        Figure(
+            "bus-load",
+            "Bus load",
+            "time (s)",
+            "%",
+            loads,
+            unit="s",
+            group="bus",
+            zero=True,
+            note=f"share of each {LOAD_WINDOW * 1000:.0f} ms that the bus is busy",
+        )
+    ]
+    times = response_times(run.trace)
+    if times:
+        curves = [
+            distribution(name, values, colour=1 + i % 7, dash=i // 2 % 4)
+            for i, (name, values) in enumerate(times.items())
+        ]
+        plots.append(
+            Figure(
+                "response",
+                "Response times",
+                "ms",
+                "% of frames within x",
+                curves,
+                unit="ms",
+                group="bus",
+                linked=False,
+                zero=True,
+                note="from the queue to the end of the frame",
+            )
+        )
+    ages = [
+        histogram(shown.name, shown.trace.ages * 1e-6, colour=shown.colour)
+        for shown in runs
+        if shown.controlled and len(shown.trace.ages)
+    ]
+    if ages:
+        plots.append(
+            Figure(
+                "age",
+                "Age of the sample when its force begins",
+                "ms",
+                "% of commands",
+                ages,
+                unit="ms",
+                group="bus",
+                linked=False,
+                zero=True,
+            )
+        )
+    return plots
+
+
+def _load(run: Shown, segment: int) -> tuple[Vector, Vector]:
+    windows = max(int(run.trace.duration / LOAD_WINDOW), 1)
+    edges: Vector = LOAD_WINDOW * np.arange(windows + 1, dtype=float)
+    sums = np.zeros(windows)
+    for block in blocks(run.trace.frames):
+        on = block[(block["segment"] == segment) & (block["t_start"] >= 0)]
+        busy = (on["t_end"] - on["t_start"]) * 1e-9
+        sums += np.histogram(on["t_start"] * 1e-9, bins=edges, weights=busy)[0]
+    return edges[:-1], 100 * sums / LOAD_WINDOW
+
+
+def all_figures(runs: Sequence[Shown], cones: Vector) -> list[Figure]:
+    """Return every plot of the page, in order; ``cones`` as of :func:`path`."""
+    return [*motion(runs), *path(runs, cones), *control(runs), *bus(runs)]

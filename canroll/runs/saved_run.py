@@ -1,0 +1,182 @@
+"""A run saved in its folder: ``trace.npz`` beside ``result.json`` and ``calibration.toml``.
+
+From these three files a run can be evaluated and shown again with the same numbers.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import vehicles
+from canroll import documents
+from canroll.errors import UNREADABLE, CanrollError, reason, writing
+from canroll.runs.experiment import assess
+from canroll.runs.limit_cycle import LimitCycle
+from canroll.runs.result import SAVED, Result, Settings
+from canroll.runs.trace import Trace
+from canroll.runs.virtual_time import RUN_TIME_NS
+from canroll.setup.controller import COMMANDS, Controller
+from gain_gen.calibration import calibration_file
+from gain_gen.calibration.calibration_file import LoadedCalibration
+from plant_sim.world import archive
+from plant_sim.world.spool import Rows, as_columns
+
+RESULT = "result.json"
+TRACE = "trace.npz"
+CALIBRATION = "calibration.toml"
+HASHED = (TRACE, CALIBRATION)
+HASHES = "sha256"
+"""Key of result.json: the SHA-256 of the other two files."""
+VEHICLE = "vehicle_sha256"
+"""Key of result.json: the fingerprint of the vehicle that was driven."""
+DOCUMENT = "vehicle_document"
+"""Key of result.json: the document of that vehicle."""
+RUNS = ("passive", "controlled", "replay")
+
+
+def save_traces(path: Path, result: Result) -> Path:
+    """Write every trace of a run as one NumPy archive and return its path.
+
+    A run's arrays are named "passive/signals" and so on; "signals" has a row per signal, named by
+    "signal_names". The same run gives the same bytes.
+
+    Raises:
+        CanrollError: it cannot be written.
+    """
+    entries: dict[str, archive.Entry] = {}
+    for run in RUNS:
+        trace: Trace | None = getattr(result, run)
+        if trace is None:
+            continue
+        entries[f"{run}/signal_names"] = np.array(list(trace.signals))
+        entries[f"{run}/signals"] = as_columns(trace.signals)
+        for name in ("frames", "ages", "ticks", "duration", "complete"):
+            value = getattr(trace, name)
+            entries[f"{run}/{name}"] = value if isinstance(value, Rows) else np.asarray(value)
+        if trace.refused is not None:
+            entries[f"{run}/refused"] = np.array(trace.refused)
+    with writing(path):
+        archive.write(path, entries, compressed=True)
+    return path
+
+
+def is_run(folder: Path) -> bool:
+    """Whether ``folder`` holds a saved run."""
+    return (folder / RESULT).is_file() and (folder / TRACE).is_file()
+
+
+def load(folder: Path) -> Result:
+    """Return the run saved in ``folder``, with figures recomputed from its traces.
+
+    Raises:
+        CanrollError: files are missing, unreadable, changed, or not of one run.
+    """
+    if (folder / RESULT).is_file() and not (folder / TRACE).is_file():
+        raise CanrollError(
+            f"{folder}: not a saved run: {TRACE} is missing or was left out by --no-trace: drive "
+            "it again"
+        )
+    if not is_run(folder):
+        raise CanrollError(
+            f"{folder}: not a saved run (expected {RESULT} and {TRACE}, as written by "
+            "'canroll run --out')"
+        )
+    try:
+        data = documents.parse_json(documents.text(folder / RESULT))
+        hashes = data[HASHES]
+        changed = [name for name in HASHED if digest(folder / name) != hashes[name]]
+        if changed:
+            raise CanrollError(f"{folder}: {', '.join(changed)} changed since the run was written")
+        with archive.Archive(folder / TRACE) as stored:
+            traces = {run: _trace(stored, run) for run in RUNS}
+        loaded = calibration_file.load(folder / CALIBRATION)
+        settings = _settings(data, loaded)
+        note = vehicles.note_of_change(settings.vehicle, "run")
+        warnings = (*data["warnings"], *([note] if note else []))
+        told = {"warnings": warnings, "files": data["files"]}
+        timing = data.get("timing", {})
+        known = data["calibration_id"]
+        oscillation = data["limit_cycle"]
+        cycle = None if oscillation is None else LimitCycle(**oscillation)
+    except UNREADABLE as error:
+        raise CanrollError(f"{folder}: cannot read the saved run: {reason(error)}") from error
+    passive = traces["passive"]
+    if passive is None or known != loaded.record.id:
+        raise CanrollError(
+            f"{folder}: {RESULT}, {TRACE} and {CALIBRATION} come from different runs"
+        )
+    result = assess(
+        settings,
+        _controller(settings, loaded),
+        passive,
+        traces["controlled"],
+        traces["replay"],
+        cycle=cycle,
+    )
+    return replace(result, timing=timing, **told)
+
+
+def digest(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _trace(stored: archive.Archive, run: str) -> Trace | None:
+    if f"{run}/signals" not in stored:
+        return None
+    names = stored.array(f"{run}/signal_names")
+    return Trace(
+        signals=stored.signals(f"{run}/signals", map(str, names)),
+        frames=stored.rows(f"{run}/frames"),
+        ages=stored.array(f"{run}/ages"),
+        ticks=stored.rows(f"{run}/ticks"),
+        duration=float(stored.array(f"{run}/duration")),
+        complete=bool(stored.array(f"{run}/complete")),
+        refused=_refused(stored, f"{run}/refused"),
+    )
+
+
+def _refused(stored: archive.Archive, name: str) -> tuple[int, int] | None:
+    if name not in stored:
+        return None
+    ecu, actuators = stored.array(name).tolist()
+    return ecu, actuators
+
+
+def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:
+    vehicle = vehicles.embedded(
+        data[DOCUMENT],
+        reference=data["plant_vehicle"] or loaded.vehicle.reference,
+        fingerprint=data[VEHICLE],
+        where=f"{loaded.path.parent / RESULT}: {DOCUMENT}",
+    )
+    phase = data["phase_ms"]["chosen"]
+    return Settings.of(
+        {name: data[name] for name in SAVED},
+        scenario=data["scenario"],
+        vehicle=vehicle,
+        command=COMMANDS[loaded.record.actuator],
+        trigger="event" if loaded.record.event_trigger else "every",
+        run_time=RUN_TIME_NS * 1e-9,
+        phase=None if phase is None else 1e-3 * phase,
+        stage=loaded.stage,
+    )
+
+
+def _controller(settings: Settings, loaded: LoadedCalibration) -> Controller:
+    return Controller(
+        vehicle=settings.vehicle,
+        law=settings.law,
+        actuator=settings.actuator,
+        observer=settings.observer,
+        trigger=settings.trigger,
+        tick=settings.tick,
+        record=loaded.record,
+        tables=loaded.tables,
+        warnings=(),
+    )

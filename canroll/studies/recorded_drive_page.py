@@ -1,0 +1,105 @@
+"""The page of a recorded drive: what came in, modes and codes, estimates, would-be commands."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from canroll.reaction.fault_codes import MODES
+from canroll.report.curves import dash
+from canroll.report.figure import Figure, Series
+from canroll.report.page import Page, Table, Verdict, render
+from canroll.report.tables import number
+from canroll.studies.recorded_drive import RecordedDrive
+from canroll.typing import Vector
+
+
+def drive_page(drive: RecordedDrive, source: str, parameters: Sequence[tuple[str, str]]) -> str:
+    """Return the page as HTML; ``source`` names the log."""
+    return render(
+        Page(
+            title="Recorded drive",
+            subtitle=f"{source}, {drive.seconds:.1f} s, open loop",
+            verdict=Verdict(None, "Open loop", drive.verdict),
+            warnings=drive.warnings,
+            tables=[reception_table(drive), *_events(drive)],
+            figures=_figures(drive),
+            playback=None,
+            parameters=parameters,
+            provenance=(),
+            result=drive.to_json(),
+        )
+    )
+
+
+def reception_table(drive: RecordedDrive) -> Table:
+    """Return the table of frames received by message."""
+    rows = [
+        (
+            heard.message,
+            number(heard.frames, 0, f"receptions.{i}.frames"),
+            f"{heard.cycle_ms} ms" if heard.cycle_ms else "",
+            "" if heard.longest_gap_ms is None else f"{heard.longest_gap_ms:.1f} ms",
+        )
+        for i, heard in enumerate(drive.receptions)
+    ]
+    note = f"{drive.frames} frames in the log, those of other messages included"
+    return Table("Received", ("message", "frames", "cycle time", "longest gap"), rows, note=note)
+
+
+def _events(drive: RecordedDrive) -> list[Table]:
+    modes = [(number(change.t, 2, ""), change.mode) for change in drive.modes]
+    codes = [
+        (seen.name, number(seen.first, 2, ""), number(seen.last, 2, ""), str(seen.ticks))
+        for seen in drive.codes
+    ]
+    tables = [Table("Modes", ("from (s)", "mode"), modes)]
+    if codes:
+        tables.append(Table("Fault codes", ("code", "first (s)", "last (s)", "ticks"), codes))
+    return tables
+
+
+def _figures(drive: RecordedDrive) -> list[Figure]:
+    ticks, degrees = drive.ticks, float(np.degrees(1))
+
+    def over_time(name: str, title: str, unit: str, curves: Sequence[Series]) -> Figure:
+        return Figure(name, title, "time (s)", unit, curves, unit="s", group="control")
+
+    def estimated(name: str, title: str, unit: str, scale: float = 1.0) -> Figure:
+        values: Vector = ticks[name] * scale
+        return over_time(name, title, unit, [Series("estimated", ticks["t"], values, 1, 0, "step")])
+
+    found = [
+        estimated("roll", "Roll angle, estimated", "deg", degrees),
+        estimated("roll_rate", "Roll rate, estimated", "deg/s", degrees),
+        estimated("lateral_acceleration", "Effective lateral acceleration, estimated", "m/s²"),
+        over_time(
+            "moment",
+            "Anti-roll moment of the law",
+            "N·m",
+            [Series("computed", ticks["t"], ticks["moment"], 1, 0, "step")],
+        ),
+        Figure(
+            "mode",
+            "Mode",
+            "time (s)",
+            "",
+            [Series("mode", ticks["t"], ticks["mode"].astype(float), 2, 0, "step")],
+            unit="s",
+            group="control",
+            levels=MODES,
+        ),
+    ]
+    by_unit: dict[str, list[Series]] = {}
+    for name, values in drive.commanded.items():
+        unit = drive.units.get(name, "")
+        if unit:
+            place = 1 + len(by_unit.get(unit, []))
+            series = Series(name, drive.commanded["t"], values, place, dash(place), "step")
+            by_unit.setdefault(unit, []).append(series)
+    return [
+        *found,
+        *(
+            over_time(f"commands-{i}", "Commands that would have been sent", unit, curves)
+            for i, (unit, curves) in enumerate(by_unit.items())
+        ),
+    ]

@@ -1,0 +1,216 @@
+"""Shortest sustainable tick derived from measurements, and remedies for the machine.
+
+The rule: the sum of the largest wake-up lateness, the longest tick and the largest CAN round trip
+is at most half of the period. The other half is a reserve for events too rare for a measurement of
+a few seconds. On the plant's core the lateness alone must be within that half.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.check.loops import ECU, PLANT, SPARE, Loop
+from hil.check.machine import Core, Counters, Machine
+from hil.check.round_trip import RoundTrip
+
+TICKS_MS = (20.0, 10.0, 5.0, 2.0, 1.0)
+SHARE = 0.5
+"""Of a period, that the worst of everything may take."""
+RULE = (
+    "largest wake-up lateness + longest tick + largest CAN round trip <= half of the period, "
+    "and the plant's wake-up lateness alone as well; no tick where no frame came back"
+)
+SLACK_NS = 1000
+OTHERS = 0.05
+"""Share of a core's time that other programs take, from which it is worth saying."""
+IDLE_EXIT_US = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Measurements:
+    """Measurements of the loops and settings of the machine.
+
+    Attributes:
+        seconds: duration of the loops, s.
+        counted: change of the machine's counters meanwhile.
+        resolution_ns: resolution of the loops' clock.
+    """
+
+    machine: Machine
+    loops: Sequence[Loop]
+    bus: RoundTrip
+    seconds: float
+    counted: Counters
+    resolution_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A cause of longer ticks, read or measured, with its remedy."""
+
+    what: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.remedy}"
+
+
+def needed_us(seen: Measurements) -> tuple[float, float]:
+    """Return the worst-case demand within the ECU's and the plant's period, µs."""
+    ecu = plant = 0.0
+    for loop in seen.loops:
+        late = _largest(loop.late_ns)
+        if loop.place.role == ECU:
+            ecu = late + _largest(loop.ticks_ns) + _largest(seen.bus.trips_ns)
+        elif loop.place.role == PLANT:
+            plant = late
+    return ecu, plant
+
+
+def holds(seen: Measurements, tick_ms: float) -> bool:
+    """Return whether a tick of ``tick_ms`` can be sustained, by :data:`RULE`."""
+    answered = len(seen.bus.trips_ns) or not seen.bus.lost
+    return bool(answered) and max(needed_us(seen)) <= SHARE * tick_ms * 1e3
+
+
+def shortest_ms(seen: Measurements) -> float | None:
+    """Return the shortest of :data:`TICKS_MS` that can be sustained, or None."""
+    return min((tick for tick in TICKS_MS if holds(seen, tick)), default=None)
+
+
+def findings(seen: Measurements) -> list[Finding]:
+    """Return the causes of late wake-ups, each with its remedy."""
+    return [
+        *_refused(seen),
+        *_one_core(seen),
+        *_cores(seen),
+        *_stolen(seen),
+        *_limited(seen),
+        *_timer(seen),
+    ]
+
+
+def _refused(seen: Measurements) -> list[Finding]:
+    """Return the settings refused by the system, merged if the same on every core."""
+    found = {note: None for loop in seen.loops for note in loop.notes}
+    machine = seen.machine
+    limits = {
+        "no real-time priority": f"ulimit -r is {machine.rtprio_limit}",
+        "memory not locked": f"ulimit -l is {_kib(machine.memlock_limit)}",
+    }
+    result = []
+    for note in found:
+        what, _, remedy = note.partition(": ")
+        limit = next((text for start, text in limits.items() if note.startswith(start)), None)
+        result.append(Finding(f"{what}, {limit}" if limit else what, remedy))
+    return result
+
+
+def _one_core(seen: Measurements) -> list[Finding]:
+    if len(seen.machine.cores) > 1:
+        return []
+    return [Finding("one core for ECU and plant", "a machine, or an affinity mask, with two")]
+
+
+def _cores(seen: Measurements) -> list[Finding]:
+    """Return findings on the settings of the run's cores and their use by other programs."""
+    found = []
+    for core in seen.machine.cores:
+        loops = [loop for loop in seen.loops if loop.place.core in (core.number, None)]
+        if all(loop.place.role == SPARE for loop in loops):
+            continue
+        if core.governor not in (None, "performance"):
+            found.append(
+                Finding(
+                    f"core {core.number} has the frequency governor '{core.governor}'",
+                    f"cpupower -c {core.number} frequency-set -g performance",
+                )
+            )
+        if core.idle_exit_us >= IDLE_EXIT_US:
+            found.append(
+                Finding(
+                    f"core {core.number} may sleep in {core.idle_state}, "
+                    f"{core.idle_exit_us} µs to wake",
+                    f"cpupower -c {core.number} idle-set -D {IDLE_EXIT_US - 1}",
+                )
+            )
+        busy = seen.counted.busy.get(core.number, 0.0) - sum(loop.own_s for loop in loops)
+        if busy > OTHERS * seen.seconds:
+            found.append(_others(core, busy / seen.seconds))
+    return found
+
+
+def _others(core: Core, share: float) -> Finding:
+    what = f"other programs used {100 * share:.0f} % of core {core.number}"
+    if core.isolated:
+        return Finding(
+            what, "it is isolated, so they were assigned to it: see 'ps -eLo psr,pid,comm'"
+        )
+    return Finding(what, f"end them, or boot with isolcpus={core.number}")
+
+
+def _stolen(seen: Measurements) -> list[Finding]:
+    used = {loop.place.core for loop in seen.loops if loop.place.role != SPARE}
+    stolen = sum(s for core, s in seen.counted.steal.items() if core in used or None in used)
+    if stolen <= 0:
+        return []
+    return [
+        Finding(
+            f"the hypervisor took {1e3 * stolen:.0f} ms from the cores in {seen.seconds:.1f} s",
+            "give the virtual machine exclusive cores, or use a real one",
+        )
+    ]
+
+
+def _limited(seen: Measurements) -> list[Finding]:
+    machine = seen.machine
+    found = []
+    if machine.quota is not None and machine.quota < 2:
+        throttled = seen.counted.throttled
+        found.append(
+            Finding(
+                f"the control group may use {machine.quota:g} cores, throttled {throttled} times",
+                "lift its quota (cpu.max, docker --cpus)",
+            )
+        )
+    used = max((loop.own_s for loop in seen.loops), default=0.0) / max(seen.seconds, 1e-9)
+    if machine.rt_runtime is not None and used > machine.rt_runtime:
+        found.append(
+            Finding(
+                f"real-time processes may use {100 * machine.rt_runtime:.0f} % of the time "
+                f"and a loop used {100 * used:.0f} %",
+                "sysctl kernel.sched_rt_runtime_us=-1",
+            )
+        )
+    return found
+
+
+def _timer(seen: Measurements) -> list[Finding]:
+    found = []
+    slack = max((loop.slack_ns or 0 for loop in seen.loops), default=0)
+    # the slack of a real-time process is not used, whatever it says
+    ordinary = any(note.startswith("no real-time priority") for x in seen.loops for note in x.notes)
+    if ordinary and slack > SLACK_NS:
+        found.append(
+            Finding(f"timers may be {slack / 1000:g} µs late (slack)", "real-time priority")
+        )
+    if seen.resolution_ns > 1000:
+        found.append(
+            Finding(
+                f"the clock moves in steps of {seen.resolution_ns / 1000:g} µs",
+                "boot with highres=on",
+            )
+        )
+    source = seen.machine.clocksource
+    if source in ("hpet", "acpi_pm", "jiffies", "refined-jiffies"):
+        found.append(Finding(f"the clock source is {source}", "boot with clocksource=tsc"))
+    return found
+
+
+def _largest(values: "np.ndarray[tuple[int, ...], np.dtype[np.int64]]") -> float:
+    return float(values.max()) / 1e3 if len(values) else 0.0
+
+
+def _kib(limit: int | None) -> str:
+    return "unlimited" if limit is None else f"{limit // 1024} KiB"

@@ -1,0 +1,81 @@
+"""``canroll fit``: what it answers, writes and refuses."""
+
+import json
+import re
+
+import pytest
+
+import vehicles
+from canroll.cli.main import main
+from canroll.identification.unknowns import NUMBERS
+from tools.validation import fit_truth
+
+FREE = ("tyre.cornering_stiffness_front", "tyre.cornering_stiffness_rear")
+HELD = tuple(key for key in NUMBERS if key not in FREE)
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """A log of a van whose cornering stiffness is not that of its file, and this file."""
+    folder = tmp_path_factory.mktemp("drive")
+    case = fit_truth.truth(7, vehicles.load("van_real"), duration=4.0, held=HELD)
+    case.write(folder / "drive.csv")
+    return folder, case
+
+
+def options(folder, *more):
+    held = [word for key in HELD for word in ("--hold", key)]
+    log = str(folder / "drive.csv")
+    return ["fit", log, "--vehicle", "van_real", "--starts", "1", "--jobs", "1", *held, *more]
+
+
+def test_it_writes_a_vehicle_its_covariance_and_a_page(drive, tmp_path, capsys):
+    folder, case = drive
+    out = tmp_path / "out"
+    assert main(options(folder, "--out", str(out))) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith("van_real fitted to 3.0 s of drive.csv: it tells 2 of 2 numbers\n")
+    assert len(printed.splitlines()) <= 25
+    car = vehicles.load(out / "van_real.toml")
+    true = case.numbers["tyre.cornering_stiffness_front"]
+    assert car.tyre.cornering_stiffness_front == pytest.approx(true, rel=0.05)
+    assert car.source("tyre.cornering_stiffness_front").startswith("fitted ±")
+    result = json.loads((out / "fit.json").read_text())
+    assert len(result["covariance"]) == len(result["numbers"])
+    page = (out / "report.html").read_text()
+    assert "Variance" in page or "variance explained" in page
+
+
+def test_a_reversed_roll_rate_is_named(drive, capsys):
+    folder, _ = drive
+    assert main(options(folder, "--json", "--signal", "roll_rate=-roll_rate")) == 2
+    error = capsys.readouterr().err
+    assert "roll rate: its sign is reversed" in error
+    assert error.endswith("give --signal roll_rate=roll_rate\n")
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--check", "5"], "--check 5: expected FROM:TO in s"),
+        (["--from", "3", "--to", "2"], "--from 3 --to 2: nothing is between them"),
+        (["--map", "car.toml"], "it belongs to --dbc"),
+        (["--hold", "tyre.grip"], "unknown number that a log may tell 'tyre.grip'"),
+        (["--signal", "yaw_rate=gyro"], "unknown column of .* 'gyro'"),
+        (["--free", "tyre.friction"], "it is to be fitted and to be held"),
+    ],
+)
+def test_wrong_input_is_refused_in_one_line(drive, capsys, words, message):
+    folder, _ = drive
+    assert main(options(folder, "--json", *words)) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("canroll: ")
+    assert error.count("\n") == 1
+    assert re.search(message, error), error
+
+
+def test_a_vehicle_is_needed(drive, capsys):
+    folder, _ = drive
+    assert main(["fit", str(folder / "drive.csv"), "--json"]) == 2
+    assert "--vehicle is missing" in capsys.readouterr().err

@@ -1,0 +1,86 @@
+"""The commands that measure the vehicle: limit, understeer, response."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from canroll.cli.main import main
+
+
+def answer(capsys, *arguments):
+    assert main([*arguments, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_understeer_prints_the_gradients(capsys):
+    result = answer(capsys, "understeer", "--vehicle", "suv_2020", "--plant", "roll1")
+    assert result["gradient"] == pytest.approx(result["closed_form"], rel=0.01)
+    assert main(["understeer", "--plant", "roll1"]) == 0
+    assert "understeer gradient" in capsys.readouterr().out
+
+
+def test_response_prints_gains_and_phases(capsys):
+    result = answer(capsys, "response", "--plant", "roll1", "--speed", "80")
+    assert len(result["frequency_hz"]) == len(result["yaw_rate"]["gain"])
+    assert result["roll"]["phase_deg"][-1] < result["roll"]["phase_deg"][0] < 0
+    assert main(["response", "--plant", "roll1"]) == 0
+    assert "per steering-wheel angle" in capsys.readouterr().out
+
+
+LINEAR = ["response", "--linear", "--speed", "80"]
+
+
+def test_linear_response_prints_modes_responses_and_the_distance(capsys, tmp_path):
+    assert main([*LINEAR, "--out", str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    for part in ("rear axle tramp", "moment, per kN·m", "distance to the design model"):
+        assert part in text
+    assert (tmp_path / "response.png").read_bytes().startswith(b"\x89PNG")
+    found = answer(capsys, *LINEAR, "--lateral-acceleration", "4", "--load", "empty")
+    assert found["load"] == "empty" and found["roll_deg"] > 0 and found["steer_deg"] > 0
+    assert len(found["moment"]["roll_rate"]["gain"]) == len(found["frequency_hz"])
+    assert found["design_distance"]["moment"]["roll_rate"] < 0.02
+    assert all(mode["frequency_hz"] > 0 and mode["real"] < 0 for mode in found["modes"])
+
+
+def test_linear_response_takes_a_body_of_a_package(capsys):
+    package = Path(__file__).parents[3] / "examples" / "canroll-example" / "canroll_example"
+    body = f"{package / 'body.py'}:HEAVY_ROOF"
+    found = answer(capsys, *LINEAR, "--plant", body)
+    assert "roll" in [mode["motion"] for mode in found["modes"]]
+
+
+@pytest.mark.slow
+def test_limit_of_the_fishhook_rises_with_control(capsys):
+    options = ["limit", "fishhook", "--from", "80", "--to", "95", "--tolerance", "2"]
+    result = answer(capsys, *options)
+    assert 80 <= result["passive"]["passed_kmh"] < result["passive"]["failed_kmh"] <= 95
+    assert result["controlled"]["passed_kmh"] > result["passive"]["passed_kmh"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["limit", "fishhok"], "did you mean 'fishhook'"),
+        (["limit", "fishhook", "--from", "90", "--to", "50"], "--from must lie below --to"),
+        (["limit", "fishhook", "--speed", "60"], "does not take --speed 60"),
+        (["limit", "fishhook", "--tolerance", "0"], "tolerance"),
+        (["understeer", "--vehicle", "vna_real"], "did you mean 'van_real'"),
+        (["understeer", "--radius", "3"], "--radius must be at least 20 m"),
+        (["response", "--speed", "-5"], "20 to 200 km/h"),
+        (["response", "--plant", "nonliner"], "did you mean 'nonlinear'"),
+        (["response", "--friction", "0.5"], "--friction: it belongs to --linear"),
+        (["response", "--out", "there"], "--out: it belongs to --linear"),
+        (["response", "--load", "half"], "choose from"),
+        ([*LINEAR, "--friction", "0.5"], "--friction 0.5 has no effect"),
+        ([*LINEAR, "--friction", "nan"], "must be 0.05 to 1.5"),
+        ([*LINEAR, "--lateral-acceleration", "-1"], "must be 0 to 12 m/s²"),
+        ([*LINEAR, "--lateral-acceleration", "11"], "no steady curve of 11 m/s² on four wheels"),
+        ([*LINEAR, "--out", "/proc/there"], "cannot write /proc/there/response.png"),
+    ],
+)
+def test_wrong_use_is_one_line_and_exit_code_2(capsys, arguments, message):
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1

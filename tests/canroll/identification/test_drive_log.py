@@ -1,0 +1,105 @@
+"""Logs: names, units and signs of their signals, in every format."""
+
+import can
+import cantools
+import numpy as np
+import pytest
+
+import dbc
+from canroll.errors import CanrollError
+from canroll.identification.drive_log import choice_of, read
+
+HEADER = "time,steering_wheel_deg,speed_kmh,yaw_rate_deg_s,ay_g,roll_rate"
+ROWS = ["0,10,72,5,0.1,0.01", "0.01,20,72,6,0.2,0.02", "0.02,30,72,,0.3,0.03"]
+
+
+@pytest.fixture
+def csv(tmp_path):
+    path = tmp_path / "drive.csv"
+    path.write_text("\n".join([HEADER, *ROWS]))
+    return str(path)
+
+
+def test_units_of_columns_are_those_of_their_names(csv):
+    log = read(csv, {})
+    first = {name: channel.values[0] for name, channel in log.channels.items()}
+    assert first == pytest.approx(
+        {
+            "steering": np.radians(10),
+            "speed": 20.0,
+            "yaw_rate": np.radians(5),
+            "lateral_acceleration": 0.980665,
+            "roll_rate": 0.01,
+        }
+    )
+    assert log.remarks == ("yaw_rate_deg_s: 1 rows without a number: left out",)
+
+
+def test_an_option_takes_another_column_reversed_and_in_its_unit(csv):
+    log = read(csv, dict([choice_of("roll_rate=-roll_rate:deg/s")]))
+    assert log.channels["roll_rate"].values[0] == pytest.approx(-np.radians(0.01))
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ("yaw_rate", "expected QUANTITY=NAME"),
+        ("yaw=a", "unknown quantity of a log 'yaw'"),
+        ("yaw_rate=a:m", "its unit is as rad/s"),
+    ],
+)
+def test_wrong_options_are_refused(option, message):
+    with pytest.raises(CanrollError, match=message):
+        choice_of(option)
+
+
+def test_a_missing_signal_is_named_with_the_remedy(tmp_path):
+    path = tmp_path / "short.csv"
+    path.write_text("time,speed,steering\n0,1,2\n1,2,3\n")
+    with pytest.raises(CanrollError, match="no yaw rate, no lateral acceleration, no roll rate"):
+        read(str(path), {})
+
+
+def test_a_bus_log_is_read_by_the_map_of_the_ecu(tmp_path):
+    """Frames encoded by cantools and written by python-can."""
+    files = dbc.PATH, dbc.PATH.with_suffix(".toml")
+    database = cantools.database.load_file(files[0])
+    path = tmp_path / "drive.asc"
+    values = {
+        "Imu": {"RollRate": 0.1, "LateralAcceleration": 2.0, "YawRate": -0.2},
+        "VehicleMotion": {"VehicleSpeed": 20.0, "SteeringWheelAngle": 0.5},
+    }
+    with can.ASCWriter(str(path)) as writer:
+        for i in range(5):
+            for j, (name, signals) in enumerate(values.items()):
+                message = database.get_message_by_name(name)
+                everything = {signal.name: 0 for signal in message.signals} | signals
+                data = message.encode(everything, strict=False)
+                stamp = 1.0 + 0.01 * i + 0.001 * j
+                frame = can.Message(
+                    timestamp=stamp,
+                    arbitration_id=message.frame_id,
+                    data=data,
+                    is_extended_id=False,
+                    channel=0,
+                )
+                writer.on_message_received(frame)
+    log = read(str(path), {}, dbc=str(files[0]), map_file=str(files[1]))
+    found = {name: float(channel.values[0]) for name, channel in log.channels.items()}
+    described = {
+        signal.name: {"deg/s": np.radians(1), "deg": np.radians(1), "km/h": 1 / 3.6}.get(
+            signal.unit, 1.0
+        )
+        for name in values
+        for signal in database.get_message_by_name(name).signals
+    }
+    assert found == pytest.approx(
+        {
+            "roll_rate": 0.1 * described["RollRate"],
+            "lateral_acceleration": 2.0 * described["LateralAcceleration"],
+            "yaw_rate": -0.2 * described["YawRate"],
+            "speed": 20.0 * described["VehicleSpeed"],
+            "steering": 0.5 * described["SteeringWheelAngle"],
+        },
+        abs=2e-3,
+    )

@@ -1,0 +1,70 @@
+"""Slips of a log: each is named with its remedy, and a log without any passes."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from canroll.errors import CanrollError
+from canroll.identification.drive_log import read
+from canroll.identification.log_checks import check
+from canroll.identification.output_error import Model
+from canroll.identification.pieces import EVERYTHING, pieces
+from canroll.identification.unknowns import unknowns
+from tools.validation import fit_truth
+
+RATIO = 16.5
+
+
+@cache
+def case():
+    return fit_truth.truth(3, duration=5.0)
+
+
+def checked(tmp_path, **factors):
+    """Check the log with its columns times ``factors``."""
+    columns = {name: column * factors.get(name, 1.0) for name, column in case().columns.items()}
+    path = tmp_path / "drive.csv"
+    fit_truth.Truth(case().start, {}, columns).write(path)
+    log = read(str(path), {})
+    parts, _ = pieces(log, EVERYTHING)
+    sought = unknowns(case().start, parts[0].names)
+    check(log, Model(case().start, parts, "body", EVERYTHING, sought))
+
+
+def test_a_log_without_slips_passes(tmp_path):
+    checked(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "message"),
+    [
+        ("roll_rate", -1.0, "roll rate: its sign is reversed .* --signal roll_rate=-roll_rate"),
+        ("roll_rate", 57.3, "roll rate: 57 times too large: give --signal roll_rate=roll_rate:deg"),
+        ("roll", -1.0, "roll: its sign is reversed"),
+        ("roll", 57.3, "roll: 57 times too large"),
+        ("yaw_rate", -1.0, "yaw rate: its sign is reversed: give --signal yaw_rate=-yaw_rate"),
+        ("yaw_rate", 57.3, "yaw rate: 57 times too large: give --signal yaw_rate=yaw_rate:deg/s"),
+        ("lateral_acceleration", -1.0, "lateral acceleration: its sign is reversed"),
+        ("lateral_acceleration", 1 / 9.81, "lateral acceleration: 9.8 times too small"),
+        ("speed_m_s", 3.6, "speed: 3.6 times too large: give --signal speed=speed_m_s:km/h"),
+        ("steering_wheel_rad", -1.0, "steering-wheel angle: its sign is reversed"),
+        ("steering_wheel_rad", 57.3, "steering-wheel angle: 57 times too large"),
+        ("steering_wheel_rad", 1 / RATIO, "the angle at the road wheels"),
+    ],
+)
+def test_a_slip_is_named_with_its_remedy(tmp_path, column, factor, message):
+    with pytest.raises(CanrollError, match=message):
+        checked(tmp_path, **{column: factor})
+
+
+def test_a_log_without_excitation_is_refused(tmp_path):
+    still = dict.fromkeys(case().columns, 0.02) | {"time": 1.0, "speed_m_s": 1.0}
+    with pytest.raises(CanrollError, match="no excitation: lateral acceleration of"):
+        checked(tmp_path, **still)
+
+
+def test_signals_of_two_drives_are_refused(tmp_path):
+    noise = np.random.default_rng(1).standard_normal(case().columns["time"].size)
+    with pytest.raises(CanrollError, match="not of one drive"):
+        checked(tmp_path, lateral_acceleration=noise)

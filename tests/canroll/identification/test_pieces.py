@@ -1,0 +1,84 @@
+"""What of a log can be driven: gaps, resets, outliers and standstill."""
+
+import numpy as np
+import pytest
+
+from canroll.errors import CanrollError
+from canroll.identification.drive_log import REQUIRED, Channel, Choice, Log
+from canroll.identification.pieces import RUN_IN, Window, pieces
+
+TIME = 0.01 * np.arange(1000)
+
+
+def log_of(time=TIME, **channels):
+    """A log with sines of 0.5 Hz in all signals but the speed of 20 m/s."""
+    wave = np.sin(np.pi * TIME)
+    values = {name: wave for name in REQUIRED} | {"speed": np.full(TIME.size, 20.0)} | channels
+    return Log("drive.csv", {name: Channel(Choice(name), time, v) for name, v in values.items()})
+
+
+def test_a_whole_log_is_one_piece_whose_first_second_does_not_count():
+    (piece,), remarks = pieces(log_of(), Window())
+    assert remarks == ()
+    assert piece.measured == pytest.approx(np.tile(np.sin(np.pi * TIME)[:, None], 3))
+    counted = piece.compared(Window(-np.inf, 8.0)).all(axis=1)
+    assert piece.time[counted][[0, -1]] == pytest.approx([RUN_IN, 7.99])
+
+
+def test_a_gap_cuts_the_log():
+    kept = (TIME < 4.0) | (TIME > 4.5)
+    wave = np.sin(np.pi * TIME)[kept]
+    values = {name: wave for name in REQUIRED} | {"speed": np.full(wave.size, 20.0)}
+    log = Log(
+        "drive.csv", {name: Channel(Choice(name), TIME[kept], v) for name, v in values.items()}
+    )
+    parts, remarks = pieces(log, Window())
+    assert [(part.begin, round(part.time[-1], 2)) for part in parts] == [
+        (0.0, 3.99),
+        (pytest.approx(4.51), pytest.approx(9.99)),
+    ]
+    assert "yaw rate: 1 gaps, the longest of 0.52 s" in remarks
+
+
+def test_a_clock_that_is_set_back_cuts_the_log():
+    time = np.where(TIME < 6.0, TIME, TIME - 5.0)
+    parts, remarks = pieces(log_of(time), Window())
+    assert [len(part.speed) for part in parts] == [600, 400]
+    assert "speed: its time is set back 1 times: cut there" in remarks
+
+
+def test_stamps_that_repeat_are_left_out():
+    time = np.repeat(TIME[::2], 2)
+    (piece,), _ = pieces(log_of(time), Window())
+    assert np.isfinite(piece.measured).all()
+
+
+def test_outliers_are_left_out():
+    spoilt = np.sin(np.pi * TIME)
+    spoilt[[300, 500]] = 40.0, -40.0
+    (piece,), remarks = pieces(log_of(roll_rate=spoilt), Window())
+    assert "roll rate: 2 outliers left out" in remarks
+    assert np.nanmax(np.abs(piece.measured)) < 1.01
+
+
+def test_standstill_is_left_out():
+    speed = np.where(TIME < 3.0, 0.0, 20.0)
+    (piece,), remarks = pieces(log_of(speed=speed), Window())
+    assert piece.begin == pytest.approx(2.99, abs=0.02)
+    assert remarks[-1].startswith("3.0 s of 10.0 s left out")
+
+
+def test_too_little_is_refused():
+    with pytest.raises(CanrollError, match=r"at least 2 s are needed"):
+        pieces(log_of(), Window(4.0, 4.5))
+    with pytest.raises(CanrollError, match="faster than 18 km/h"):
+        pieces(log_of(speed=np.full(TIME.size, 1.0)), Window())
+
+
+def test_fast_signals_are_means_over_a_sample():
+    time = 0.001 * np.arange(10000)
+    noise = np.random.default_rng(1).standard_normal(time.size)
+    values = {name: noise for name in REQUIRED} | {"speed": np.full(time.size, 20.0)}
+    log = Log("drive.csv", {name: Channel(Choice(name), time, v) for name, v in values.items()})
+    (piece,), _ = pieces(log, Window())
+    assert np.std(piece.measured[10:-10]) == pytest.approx(np.sqrt(0.1), rel=0.15)

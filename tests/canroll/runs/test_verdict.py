@@ -1,0 +1,165 @@
+"""What the verdict of a run says, and what the command makes of it."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import vehicles
+from canroll.cli import terminal
+from canroll.cli.main import main
+from canroll.cli.vehicle_tests import JUDGED
+from canroll.report.tables import change, metric_rows
+from canroll.runs import experiment, metrics, saved_run
+from plant_sim.driving import maneuvers, standards
+from plant_sim.world.recording import SIGNALS
+
+SHORT = 2.5
+
+
+@pytest.fixture(scope="module")
+def short():
+    return experiment.run("double_lane_change", duration=SHORT)
+
+
+@pytest.mark.parametrize(
+    "options", [["bumps", "--plant", "roll1"], ["double_lane_change", "--duration", "0.001"]]
+)
+def test_without_roll_there_is_nothing_to_reduce(options, capsys):
+    assert main(["run", *options, "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["verdict"].startswith("No roll to reduce: ")
+    assert data["helps"] is None
+
+
+def with_control(result, **figures):
+    return replace(result, controlled_metrics=replace(result.controlled_metrics, **figures))
+
+
+def test_a_worse_roll_rate_makes_the_verdict_mixed(short):
+    before = short.passive_metrics.roll_rate_max_deg_s
+    smooth = with_control(short, roll_rate_rms_deg_s=0.0, roll_rate_max_deg_s=1.04 * before)
+    assert smooth.verdict.startswith("Control helps: ")
+    rough = with_control(short, roll_rate_rms_deg_s=0.0, roll_rate_max_deg_s=1.06 * before)
+    assert rough.helps
+    assert rough.verdict.startswith("Mixed: ")
+    assert "roll rate max" in rough.verdict and "roll rate RMS" not in rough.verdict
+
+
+def test_a_rollover_never_helps(short):
+    assert with_control(short, rollover=True).helps is False
+
+
+@pytest.mark.parametrize("larger", ["roll_rms_deg", "roll_max_deg"])
+def test_no_is_exit_code_1_with_the_answer_printed(short, larger, monkeypatch, capsys, tmp_path):
+    worse = with_control(short, **{larger: 99.0})
+    monkeypatch.setattr(experiment, "run", lambda *args, **options: worse)
+    out = tmp_path / "out"
+    assert main(["run", "double_lane_change", "--json", "--out", str(out)]) == 1
+    assert json.loads(capsys.readouterr().out)["helps"] is False
+    assert (out / "report.html").exists()
+
+
+@pytest.mark.parametrize("scenario", ["banked_curve", "random_road"])
+def test_the_ceiling_is_blank_where_it_cannot_be_told(scenario):
+    result = experiment.run(scenario, law="passive", duration=SHORT)
+    assert set(result.to_json()["without_roll"].values()) == {None}
+
+
+def test_the_ceiling_is_blank_with_a_wheel_in_the_air_and_never_above_1(make_trace):
+    van = vehicles.load("van_real")
+    trace = make_trace()
+    trace.signals["ay"] = 50 * trace.signals["ay"]
+    assert max(metrics.load_transfer_without_roll(trace, van, 0.5).values()) == 1
+    trace.signals["wheel_load_front_left"][100] = 0.0
+    assert set(metrics.load_transfer_without_roll(trace, van, 0.5).values()) == {None}
+
+
+def test_roll1_is_warned_of_where_tyres_and_wheels_reach_their_limit():
+    result = experiment.run("j_turn", law="passive", duration=0.1, plant="roll1")
+    assert any("--plant nonlinear" in line for line in result.warnings)
+
+
+def test_change_is_blank_against_nothing_and_path_rows_need_a_path(short):
+    assert change(2.1, 0.002, 2).text == ""
+    assert change(3.0, 2.0, 2).text == "+50 %"
+    no_path = replace(
+        short,
+        passive_metrics=replace(short.passive_metrics, path_error_rms_m=0.0, path_error_max_m=0.0),
+    )
+    assert len(metric_rows(short)) == len(metric_rows(no_path)) + 2
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--log", "nonexistent/x.asc"], "no such folder nonexistent"),
+        (["--signals", "nonexistent/x.csv"], "no such folder nonexistent"),
+        (["--out", ""], "--out: must not be empty"),
+        (["--vehicle", ""], "--vehicle must not be empty"),
+    ],
+)
+def test_paths_that_cannot_be_are_refused(options, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "double_lane_change", *options]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_limit_needs_a_criterion(capsys):
+    assert main(["limit", "roundabout"]) == 2
+    error = capsys.readouterr().err
+    assert "roundabout has no pass criterion" in error and error.count("\n") == 1
+
+
+def test_what_limit_accepts_is_what_has_criteria():
+    van = vehicles.load("van_real")
+    still = {name: np.zeros(10_000) for name in SIGNALS}
+    still["steer"] = np.full(10_000, 0.01)
+    assert [name for name in maneuvers.names() if standards.judge(name, van, still)] == sorted(
+        JUDGED, key=maneuvers.names().index
+    )
+
+
+def test_limit_help_tells_its_own_default_plant(capsys):
+    with pytest.raises(SystemExit):
+        main(["limit", "--help"])
+    out = " ".join(capsys.readouterr().out.split())
+    assert "(default: nonlinear)" in out and "--speed" not in out
+
+
+def test_a_table_into_a_closed_pipe_is_no_failure():
+    """rich would exit with 1 here; the command must see the broken pipe itself."""
+    with pytest.raises(BrokenPipeError):
+        terminal.Console().on_broken_pipe()
+    process = subprocess.run(
+        f"{sys.executable} -m canroll.cli.main run j_turn --law passive --duration 0.1 --json"
+        " | true; exit ${PIPESTATUS[0]}",
+        shell=True,
+        executable="/bin/bash",
+        capture_output=True,
+        timeout=1800,
+        check=False,
+    )
+    assert (process.returncode, process.stderr) == (0, b"")
+
+
+def test_every_option_in_effect_is_written(tmp_path, capsys):
+    assert main(["run", "moose", "--law", "passive", "--out", str(tmp_path)]) in {0, 1}
+    title, _, line = capsys.readouterr().out.splitlines()[:3]
+    assert title.startswith("moose, van_real at ")
+    assert line.startswith("friction 0.6, chassis control ") and "preview time " in line
+    assert ">0.6<" in (tmp_path / "report.html").read_text()
+    written = json.loads((tmp_path / "result.json").read_text())["options_in_effect"]
+    assert written["friction"] == 0.6 and "preview_time" in written
+    assert saved_run.load(tmp_path).to_json()["options_in_effect"] == written
+
+
+def test_an_option_without_an_effect_is_not_written():
+    result = experiment.run("double_lane_change", law="passive", plant="roll1")
+    assert "friction" not in result.options
+    assert "preview_time" not in experiment.run("fishhook", law="passive").options

@@ -1,0 +1,83 @@
+"""The safety envelope leaves every shipped law alone, and stops what a law must not do."""
+
+import re
+
+import numpy as np
+import pytest
+
+from canroll.errors import CanrollError
+from canroll.runs.experiment import build_world, plan
+from canroll.runs.virtual_time import closed_loop
+from canroll.studies.severe import MANOEUVRES
+from codegen.run import native
+from codegen.run.backends import open_backend
+from codegen.run.bus_firmware import BusFirmware, built_in
+from codegen.subset.program import file_of
+from firmware.plausibility import FAULT_ENVELOPE
+from gain_gen.laws import LAWS
+
+pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
+KEPT = 1 << FAULT_ENVELOPE
+BUSES = ("500k", "gateway_50ms")
+LOOPS = [
+    *(("van_real", "bars", law) for law in LAWS if law not in ("custom", "lqr_full_car")),
+    *(("van_real", "suspension", law) for law in ("steering_lead", "hinf_delay", "lqg_delay")),
+    ("suv_2020", "suspension", "smc"),
+    ("suv_2020", "dampers", "lqr"),
+    ("car_2020", "valves", "lqr_full_car"),
+]
+REFUSED = {
+    ("van_real", "bars", "hinf_delay", "gateway_50ms"),
+    ("van_real", "bars", "hinf_event", "gateway_50ms"),
+    ("van_real", "suspension", "hinf_delay", "gateway_50ms"),
+    ("car_2020", "valves", "lqr_full_car", "gateway_50ms"),
+}
+"""No gain helps at these delays."""
+
+
+@pytest.fixture(scope="module")
+def without():
+    """The firmware without its envelope."""
+    source = file_of("ecu").read_text(encoding="utf-8")
+    bare, count = re.subn(r"^    envelope\.\w+\(.*\)\n", "", source, flags=re.MULTILINE)
+    assert count == 2
+    return BusFirmware(
+        built_in().bus, {"ecu.py": bare.replace("from firmware.monitors import envelope\n", "")}
+    )
+
+
+def driven(settings, controller, firmware, duration_ns=None):
+    return closed_loop(
+        build_world(settings, enabled=True),
+        open_backend("native", controller.record, firmware),
+        tick_ns=round(settings.tick * 1e9),
+        duration_ns=duration_ns,
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bus", BUSES)
+@pytest.mark.parametrize(("vehicle", "actuator", "law"), LOOPS)
+def test_no_law_is_touched_in_severe_manoeuvres(vehicle, actuator, law, bus, without):
+    seen = 0
+    for manoeuvre in MANOEUVRES:
+        choices = {
+            "vehicle": vehicle,
+            "actuator": actuator,
+            "law": law,
+            "bus": bus,
+            "speed_kmh": manoeuvre.speed_kmh,
+            "options": dict(manoeuvre.options),
+        }
+        if (vehicle, actuator, law, bus) in REFUSED:
+            with pytest.raises(CanrollError):
+                plan(manoeuvre.scenario, **choices)
+            return
+        settings, controller = plan(manoeuvre.scenario, **choices)
+        kept = driven(settings, controller, built_in())
+        assert not np.any(kept.ticks["fault_codes"] & KEPT), manoeuvre.title
+        assert not np.any(kept.signals["envelope"]), manoeuvre.title
+        free = driven(settings, controller, without)
+        assert kept.frames.tobytes() == free.frames.tobytes(), manoeuvre.title
+        seen += np.abs(kept.ticks["moment"]).max() > 100
+    assert seen > 6
