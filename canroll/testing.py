@@ -32,9 +32,9 @@ from plant_sim import can_bus
 from plant_sim.bodies import BODIES, ports
 from plant_sim.bodies.ports import Body, initial_inputs
 from plant_sim.buses import BUSES
-from plant_sim.can_bus.delay_bounds import delay_bounds
-from plant_sim.can_bus.own_frames import own_messages
-from plant_sim.can_bus.profiles import profile_spec
+from plant_sim.can_bus.bounds.delay_bounds import delay_bounds
+from plant_sim.can_bus.network.own_frames import own_messages
+from plant_sim.can_bus.network.profiles import profile_spec
 from plant_sim.driving import MANEUVERS, maneuvers
 from plant_sim.driving.offered import check_plan
 from plant_sim.world import open_loop

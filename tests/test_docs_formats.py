@@ -27,10 +27,10 @@ from gain_gen.models.task import Delay, Task
 from hil import tick_trace
 from hil.budget import Budget, budget_of
 from plant_sim.buses.topology import Spread
-from plant_sim.can_bus.network_file import KEYS as KEYS_OF_A_NETWORK
-from plant_sim.can_bus.network_file import load_profile
-from plant_sim.can_bus.own_frames import bus_map as bus_map_of
-from plant_sim.can_bus.profiles import routed_messages
+from plant_sim.can_bus.network.network_file import KEYS as KEYS_OF_A_NETWORK
+from plant_sim.can_bus.network.network_file import load_profile
+from plant_sim.can_bus.network.own_frames import bus_map as bus_map_of
+from plant_sim.can_bus.network.profiles import routed_messages
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.wire.frame import EXTENDED, FD
 from plant_sim.driving import maneuvers

@@ -29,6 +29,8 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("plant_sim.can_bus.logs", "codegen.c99"),
     ("plant_sim.can_bus.traffic", "codegen.frame"),
     ("codegen.generated",),
+    ("plant_sim.can_bus.network",),
+    ("plant_sim.can_bus.bounds", "plant_sim.can_bus.simulation"),
     ("plant_sim.can_bus",),
     ("plant_sim.can_bus.servers", "codegen.run"),
     (

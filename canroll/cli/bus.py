@@ -19,13 +19,13 @@ from canroll.setup.choices import CHOICES, check
 from firmware.services.xcp_state import N_ODT
 from hil.hardware.interfaces import is_loopback
 from plant_sim.buses import BUSES
-from plant_sim.can_bus.analysis import ErrorModel
+from plant_sim.can_bus.bounds.analysis import ErrorModel
 from plant_sim.can_bus.kernel.network import build_network
-from plant_sim.can_bus.network_file import is_network, load_profile
+from plant_sim.can_bus.network.network_file import is_network, load_profile
 from plant_sim.can_bus.servers.frames import Mirror
 from plant_sim.can_bus.servers.shared_server import SharedBus
 from plant_sim.can_bus.servers.wall_clock import serve_network
-from plant_sim.can_bus.simulation import traffic_spec
+from plant_sim.can_bus.simulation.response_times import traffic_spec
 from plant_sim.can_bus.traffic.files import Traffic, load_traffic
 from plant_sim.can_bus.traffic.log_name import LogName, log_name
 from plant_sim.can_bus.wire.frame import FD

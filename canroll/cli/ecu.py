@@ -44,7 +44,7 @@ from hil.phase_lock import PhaseLock
 from hil.plant_loop import sent_by, sent_to
 from plant_sim.buses import LOGS
 from plant_sim.can_bus import BusProfile
-from plant_sim.can_bus.own_frames import secured
+from plant_sim.can_bus.network.own_frames import secured
 from plant_sim.can_bus.traffic.log_name import log_name
 from plant_sim.can_bus.traffic.log_reader import read_log, select_channel
 

@@ -20,7 +20,7 @@ from codegen.fmu import ecu
 from plant_sim.bodies import own_body
 from plant_sim.can_bus import NODES, Node, make_network
 from plant_sim.can_bus.kernel.network import add_node
-from plant_sim.can_bus.recorded_profile import RecordedProfile
+from plant_sim.can_bus.network.recorded_profile import RecordedProfile
 from plant_sim.driving import maneuvers
 from plant_sim.world.world_parts import command_of
 

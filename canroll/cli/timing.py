@@ -25,7 +25,7 @@ from codegen.specialise.firmware import specialised
 from firmware.calibration import Calibration
 from hil import session
 from hil.budget import Budget, budget_of, judge_host, judge_target
-from plant_sim.can_bus.own_frames import most_received
+from plant_sim.can_bus.network.own_frames import most_received
 
 if TYPE_CHECKING:
     from codegen.worst_case.authentication import Authentication

@@ -7,12 +7,12 @@ from typing import Any
 from canroll.errors import UnknownNameError
 from canroll.network import COMMANDS, SENSOR
 from canroll.network.answer import Delay, Loop, Row, Segment, Times
-from plant_sim.can_bus.ages import simulate_ages_of_network
-from plant_sim.can_bus.analysis import ErrorModel, ResponseBound
-from plant_sim.can_bus.delay_bounds import loop_delay
-from plant_sim.can_bus.holistic import Arrival, arrivals
-from plant_sim.can_bus.routing import RoutedNetwork
-from plant_sim.can_bus.simulation import NetworkSimulation, simulate_network
+from plant_sim.can_bus.bounds.analysis import ErrorModel, ResponseBound
+from plant_sim.can_bus.bounds.delay_bounds import loop_delay
+from plant_sim.can_bus.bounds.holistic import Arrival, arrivals
+from plant_sim.can_bus.network.routing import RoutedNetwork
+from plant_sim.can_bus.simulation.ages import simulate_ages_of_network
+from plant_sim.can_bus.simulation.response_times import NetworkSimulation, simulate_network
 from plant_sim.can_bus.traffic.log_playback import Recording
 from plant_sim.can_bus.traffic.messages import BusMessage
 

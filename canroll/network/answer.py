@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from canroll.errors import VerdictError
 from canroll.network.margins import Margins
-from plant_sim.can_bus.analysis import ResponseBound, worst_case_utilisation
-from plant_sim.can_bus.delay_bounds import DelayBounds
+from plant_sim.can_bus.bounds.analysis import ResponseBound, worst_case_utilisation
+from plant_sim.can_bus.bounds.delay_bounds import DelayBounds
 from plant_sim.can_bus.traffic.inference import InferredMessage
 from plant_sim.can_bus.traffic.messages import BusMessage
 

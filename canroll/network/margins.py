@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from canroll.errors import VerdictError
-from plant_sim.can_bus.analysis import ErrorModel, ResponseBound, response_bounds
-from plant_sim.can_bus.proposals import propose_offsets, propose_priorities
-from plant_sim.can_bus.sensitivity import (
+from plant_sim.can_bus.bounds.analysis import ErrorModel, ResponseBound, response_bounds
+from plant_sim.can_bus.bounds.proposals import propose_offsets, propose_priorities
+from plant_sim.can_bus.bounds.sensitivity import (
     Bounds,
     Breakdown,
     ErrorTolerance,

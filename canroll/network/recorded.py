@@ -10,10 +10,11 @@ from canroll.network.analysis import Options, delay_over
 from canroll.network.answer import Answer, Loop, Row, Segment, Times
 from canroll.network.as_json import log_json
 from plant_sim.buses.profile import BusProfile
-from plant_sim.can_bus.own_frames import messages_of, own_messages
-from plant_sim.can_bus.recorded_load import effects, joined, missing_from
-from plant_sim.can_bus.routing import RoutedNetwork
-from plant_sim.can_bus.simulation import NetworkSimulation
+from plant_sim.can_bus.bounds.recorded_load import effects
+from plant_sim.can_bus.network.own_frames import messages_of, own_messages
+from plant_sim.can_bus.network.routing import RoutedNetwork
+from plant_sim.can_bus.simulation.response_times import NetworkSimulation
+from plant_sim.can_bus.traffic.added_messages import joined, missing_from
 from plant_sim.can_bus.traffic.arrivals import EVENT, MIXED, Arrivals
 from plant_sim.can_bus.traffic.inference import InferredBus, infer_bus, infer_buses
 from plant_sim.can_bus.traffic.log_reader import Progress

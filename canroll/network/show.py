@@ -8,8 +8,8 @@ from rich.table import Table
 
 from canroll.network.answer import MS, Answer, Delay, Loop, Row, Segment
 from canroll.network.margins import Margins
-from plant_sim.can_bus.analysis import ResponseBound
-from plant_sim.can_bus.sensitivity import Breakdown
+from plant_sim.can_bus.bounds.analysis import ResponseBound
+from plant_sim.can_bus.bounds.sensitivity import Breakdown
 from plant_sim.can_bus.traffic.arrivals import MIXED
 
 _MOST_MISSES = 5

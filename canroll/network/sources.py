@@ -10,9 +10,9 @@ from canroll.network.answer import Answer
 from canroll.network.as_json import network_json, set_json
 from canroll.network.margins import Request, margins_of
 from plant_sim.buses.profile import BusProfile
-from plant_sim.can_bus.delay_bounds import loop_network
-from plant_sim.can_bus.own_frames import messages_of, own_messages
-from plant_sim.can_bus.routing import RoutedNetwork
+from plant_sim.can_bus.bounds.delay_bounds import loop_network
+from plant_sim.can_bus.network.own_frames import messages_of, own_messages
+from plant_sim.can_bus.network.routing import RoutedNetwork
 from plant_sim.can_bus.traffic.files import Traffic
 from plant_sim.can_bus.traffic.log_playback import Recording, load_recording
 from plant_sim.can_bus.traffic.log_reader import Progress

@@ -23,7 +23,7 @@ from gain_gen.laws.lmi_event import fixed_lyapunov_certificate
 from gain_gen.models.roll import PERFORMANCE, ROLL_RATE, disturbance_input, moment_input
 from gain_gen.models.task import EPSILON_SQUARED
 from plant_sim.can_bus import load_profile
-from plant_sim.can_bus.delay_bounds import message_paths
+from plant_sim.can_bus.bounds.delay_bounds import message_paths
 
 PAPER = "viadero2022"
 SAMPLING = 0.020

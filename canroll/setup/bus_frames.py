@@ -18,7 +18,7 @@ from firmware.plausibility import NEEDED
 from firmware.state import REST, RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, RX_VEHICLE_MOTION
 from gain_gen.laws import WITHOUT_ROLL_RATE
 from plant_sim.can_bus import BusProfile, load_profile
-from plant_sim.can_bus.own_frames import bus_map, messages_of
+from plant_sim.can_bus.network.own_frames import bus_map, messages_of
 from plant_sim.can_bus.traffic.files import load_traffic
 
 SPEED = 1

@@ -27,7 +27,7 @@ from gain_gen.calibration.quantise import ACTUATOR_NUMBER, Options
 from gain_gen.design import design, without_control
 from gain_gen.laws import WITHOUT_ROLL_RATE
 from gain_gen.models.task import Delay, Design, Task
-from plant_sim.can_bus.own_frames import bus_map
+from plant_sim.can_bus.network.own_frames import bus_map
 from vehicles import Vehicle
 
 COMMANDS = {

@@ -2,7 +2,7 @@
 
 from gain_gen.models.task import Delay
 from plant_sim.can_bus import BusProfile
-from plant_sim.can_bus.delay_bounds import delay_bounds
+from plant_sim.can_bus.bounds.delay_bounds import delay_bounds
 from plant_sim.nodes.sensors import SensorOptions, delay
 from vehicles import Vehicle
 

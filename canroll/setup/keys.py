@@ -7,7 +7,7 @@ from typing import Any
 from canroll.errors import CanrollError
 from dbc.keys import DEVELOPMENT_KEY, read_key
 from plant_sim.can_bus import BusProfile
-from plant_sim.can_bus.own_frames import secured
+from plant_sim.can_bus.network.own_frames import secured
 
 
 def refuse_useless_key(choices: Mapping[str, Any], profile: BusProfile) -> None:

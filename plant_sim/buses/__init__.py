@@ -7,7 +7,7 @@ from canroll.registry import Registry
 if TYPE_CHECKING:
     from plant_sim.buses.profile import BusProfile
 
-_LOG = "plant_sim.can_bus.recorded_profile:read_profile"
+_LOG = "plant_sim.can_bus.network.recorded_profile:read_profile"
 LOGS = (".asc", ".blf", ".log", ".mf4", ".csv", ".trc", ".db", ".pcap", ".pcapng")
 """Suffixes of bus logs; each may have that of gzip behind it."""
 PACKED = ".gz"
@@ -28,8 +28,8 @@ BUSES: "Registry[BusProfile]" = Registry(
     accept="plant_sim.buses.profile:accept",
     files={
         **dict.fromkeys((*LOGS, PACKED), _LOG),
-        **dict.fromkeys(_DATABASES, "plant_sim.can_bus.network_file:read_traffic"),
-        ".toml": "plant_sim.can_bus.network_file:read_profile",
+        **dict.fromkeys(_DATABASES, "plant_sim.can_bus.network.network_file:read_traffic"),
+        ".toml": "plant_sim.can_bus.network.network_file:read_profile",
     },
 )
 

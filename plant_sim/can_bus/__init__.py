@@ -21,9 +21,10 @@ those that came while it did not hear (``hears``: down or bus-off). A gateway fo
 its node on the other segment; ``t_origin`` remains the time at which the original sender queued
 the frame.
 
-Beside the kernels: ``analysis`` (worst-case response times), ``delay_bounds`` (sensor to actuator),
-``holistic`` (over gateways), ``traffic`` (message sets, background, recorded logs), ``simulation``,
-and for other programs ``servers`` (python-can interfaces, socketcand).
+Beside the kernels: ``traffic`` (message sets, background, recorded logs), ``network`` (segments,
+routes, own frames), ``bounds`` (worst-case response times and delays, over gateways),
+``simulation`` (simulated response times and ages), and for other programs ``servers`` (python-can
+interfaces, socketcand).
 """
 
 from plant_sim.buses.profile import BusProfile
@@ -57,8 +58,8 @@ from plant_sim.can_bus.kernel.network import (
 )
 from plant_sim.can_bus.kernel.queues import enqueue, hears, submit
 from plant_sim.can_bus.kernel.scheduler import advance, run
-from plant_sim.can_bus.network_file import load_profile
-from plant_sim.can_bus.profiles import (
+from plant_sim.can_bus.network.network_file import load_profile
+from plant_sim.can_bus.network.profiles import (
     ACTUATOR,
     CHASSIS,
     ECU,

@@ -26,7 +26,7 @@ from codegen.generated.mailbox import EXTENDED as EXTENDED_IDENT
 from codegen.generated.mailbox import Mailbox
 from codegen.generated.mapped_signal import MappedSignal
 from codegen.generated.second_signals import valid_codes
-from plant_sim.can_bus.own_frames import FURTHER_FRAMES, contract_names, flags_of
+from plant_sim.can_bus.network.own_frames import FURTHER_FRAMES, contract_names, flags_of
 from plant_sim.kernels.jit import njit
 from plant_sim.nodes import e2e, float32
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.can_bus import own_frames
+from plant_sim.can_bus.network import own_frames
 from plant_sim.kernels import schedule
 from plant_sim.kernels.schedule import Fault
 from plant_sim.nodes import codec, sensor_kernel

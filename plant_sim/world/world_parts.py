@@ -11,7 +11,7 @@ from canroll.errors import CanrollError, UnknownNameError
 from canroll.typing import Vector
 from plant_sim import can_bus
 from plant_sim.bodies.ports import PARAMETERS_MAX, STATES_MAX, Body
-from plant_sim.can_bus import own_frames
+from plant_sim.can_bus.network import own_frames
 from plant_sim.can_bus.wire.frame import FD
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.faults import Fault

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.can_bus.routing import RoutedNetwork
-from plant_sim.can_bus.simulation import simulate_network
+from plant_sim.can_bus.network.routing import RoutedNetwork
+from plant_sim.can_bus.simulation.response_times import simulate_network
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 

@@ -42,7 +42,7 @@ from plant_sim.can_bus.kernel.network import (
 )
 from plant_sim.can_bus.servers.frames import message_of, sent_flags, truth
 from plant_sim.can_bus.servers.hub import Hub, HubError, Port, QueueFullError
-from plant_sim.can_bus.simulation import traffic_spec
+from plant_sim.can_bus.simulation.response_times import traffic_spec
 from plant_sim.can_bus.traffic.files import load_traffic
 
 QUEUES: Final = ("fifo", "priority")

@@ -11,8 +11,8 @@ import pytest
 from canroll.cli.main import main
 from canroll.network import analysis
 from plant_sim.can_bus import advance, build_network, drain
-from plant_sim.can_bus.analysis import response_bounds
-from plant_sim.can_bus.simulation import traffic_spec
+from plant_sim.can_bus.bounds.analysis import response_bounds
+from plant_sim.can_bus.simulation.response_times import traffic_spec
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 DBC = Path(__file__).parents[3] / "dbc" / "roll_control.dbc"

@@ -9,7 +9,7 @@ import pytest
 from canroll.cli.main import main
 from codegen.run.cortex import has_pip_tools
 from plant_sim.can_bus import advance, build_network, drain
-from plant_sim.can_bus.simulation import traffic_spec
+from plant_sim.can_bus.simulation.response_times import traffic_spec
 from plant_sim.can_bus.traffic.messages import BusMessage
 from tools.hostile.samples import ARXML
 

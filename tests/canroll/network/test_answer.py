@@ -8,8 +8,8 @@ import pytest
 from canroll.errors import VerdictError
 from canroll.network.answer import Answer, Delay, Loop, Row, Segment, Times
 from canroll.network.show import parts
-from plant_sim.can_bus.analysis import response_bounds
-from plant_sim.can_bus.delay_bounds import DelayBounds, Path
+from plant_sim.can_bus.bounds.analysis import response_bounds
+from plant_sim.can_bus.bounds.delay_bounds import DelayBounds, Path
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 MS = 1_000_000

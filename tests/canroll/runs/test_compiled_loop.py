@@ -13,7 +13,7 @@ from canroll.errors import CanrollError
 from canroll.runs import experiment, virtual_time
 from codegen.run import native
 from plant_sim.can_bus import build_network
-from plant_sim.can_bus.simulation import delivered, traffic_spec
+from plant_sim.can_bus.simulation.response_times import delivered, traffic_spec
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.kernels import records
 from plant_sim.world import world as world_module

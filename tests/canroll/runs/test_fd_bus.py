@@ -16,8 +16,8 @@ from canroll.runs.virtual_time import closed_loop
 from codegen.run import native
 from codegen.run.backends import default_backend, open_backend
 from plant_sim.can_bus import load_profile
-from plant_sim.can_bus.delay_bounds import delay_bounds
-from plant_sim.can_bus.own_frames import own_messages
+from plant_sim.can_bus.bounds.delay_bounds import delay_bounds
+from plant_sim.can_bus.network.own_frames import own_messages
 from plant_sim.can_bus.traffic.background import utilisation
 
 DATABASE = cantools.database.load_file(dbc.FD_PATH)

@@ -11,7 +11,7 @@ import vehicles
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim import bodies, can_bus
 from plant_sim.buses import BUSES
-from plant_sim.can_bus.delay_bounds import delay_bounds
+from plant_sim.can_bus.bounds.delay_bounds import delay_bounds
 from plant_sim.driving import maneuvers
 from plant_sim.kernels.schedule import Fault
 from plant_sim.nodes.actuators import ActuatorOptions

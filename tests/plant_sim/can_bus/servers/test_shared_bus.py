@@ -17,7 +17,7 @@ from plant_sim.can_bus import NetworkSpec, Segment, build_network
 from plant_sim.can_bus.servers.frames import Mirror
 from plant_sim.can_bus.servers.shared_client import SharedSimBus
 from plant_sim.can_bus.servers.shared_server import SharedBus
-from plant_sim.can_bus.simulation import traffic_spec
+from plant_sim.can_bus.simulation.response_times import traffic_spec
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 ROOT = Path(__file__).parents[4]

@@ -22,7 +22,7 @@ from plant_sim.can_bus.servers.socketcand import (
     parse_frame,
 )
 from plant_sim.can_bus.servers.wall_clock import serve_network
-from plant_sim.can_bus.simulation import traffic_spec
+from plant_sim.can_bus.simulation.response_times import traffic_spec
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE
 

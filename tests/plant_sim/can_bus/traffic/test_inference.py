@@ -8,9 +8,9 @@ import pytest
 
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.can_bus import DELIVERED, Node, advance, build_network, drain, enqueue
-from plant_sim.can_bus.analysis import response_bounds
+from plant_sim.can_bus.bounds.analysis import response_bounds
 from plant_sim.can_bus.kernel.network import add_node
-from plant_sim.can_bus.simulation import traffic_spec
+from plant_sim.can_bus.simulation.response_times import traffic_spec
 from plant_sim.can_bus.traffic.arrivals import EVENT, MIXED, PERIODIC
 from plant_sim.can_bus.traffic.inference import infer_bus, infer_buses
 from plant_sim.can_bus.traffic.messages import BusMessage

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from plant_sim.can_bus.ages import simulate_ages_of_network
-from plant_sim.can_bus.analysis import response_bounds, worst_case_utilisation
-from plant_sim.can_bus.delay_bounds import DelayBounds, loop_delay
-from plant_sim.can_bus.routing import RoutedNetwork
+from plant_sim.can_bus.bounds.analysis import response_bounds, worst_case_utilisation
+from plant_sim.can_bus.bounds.delay_bounds import DelayBounds, loop_delay
+from plant_sim.can_bus.network.routing import RoutedNetwork
+from plant_sim.can_bus.simulation.ages import simulate_ages_of_network
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, FD_LENGTHS
 from tests.support.simulated_set import simulated_responses

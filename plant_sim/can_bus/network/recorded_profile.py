@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from canroll.errors import CanrollError
 from plant_sim.buses.profile import BusProfile
-from plant_sim.can_bus.recorded_load import missing_from
+from plant_sim.can_bus.traffic.added_messages import missing_from
 from plant_sim.can_bus.traffic.inference import InferredBus, infer_channel
 from plant_sim.can_bus.traffic.log_name import log_name
 from plant_sim.can_bus.traffic.log_reader import read_log, select_channel

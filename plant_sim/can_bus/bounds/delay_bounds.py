@@ -13,11 +13,11 @@ from typing import Any, Final
 from canroll.errors import CanrollError, VerdictError
 from plant_sim.buses.profile import BusProfile
 from plant_sim.buses.topology import NODES, Topology
-from plant_sim.can_bus.analysis import ErrorModel, ResponseBound
-from plant_sim.can_bus.holistic import Arrival, arrivals
-from plant_sim.can_bus.own_frames import DEFAULT_COMMAND, MS, own_messages
-from plant_sim.can_bus.profiles import routed_messages
-from plant_sim.can_bus.routing import RoutedMessage, RoutedNetwork
+from plant_sim.can_bus.bounds.analysis import ErrorModel, ResponseBound
+from plant_sim.can_bus.bounds.holistic import Arrival, arrivals
+from plant_sim.can_bus.network.own_frames import DEFAULT_COMMAND, MS, own_messages
+from plant_sim.can_bus.network.profiles import routed_messages
+from plant_sim.can_bus.network.routing import RoutedMessage, RoutedNetwork
 
 _NS: Final = 1e-9
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from canroll.errors import VerdictError
-from plant_sim.can_bus.analysis import response_bounds
-from plant_sim.can_bus.proposals import propose_offsets, propose_priorities
-from plant_sim.can_bus.sensitivity import late
+from plant_sim.can_bus.bounds.analysis import response_bounds
+from plant_sim.can_bus.bounds.proposals import propose_offsets, propose_priorities
+from plant_sim.can_bus.bounds.sensitivity import late
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import EXTENDED
 from tests.support.simulated_set import simulated_responses

@@ -10,9 +10,9 @@ from plant_sim.can_bus.kernel.ledger import drain, took
 from plant_sim.can_bus.kernel.network import build_network
 from plant_sim.can_bus.kernel.queues import enqueue
 from plant_sim.can_bus.kernel.scheduler import advance
-from plant_sim.can_bus.network_spec import network_spec
-from plant_sim.can_bus.routing import RoutedNetwork
-from plant_sim.can_bus.simulation import add_player, listeners, with_longest
+from plant_sim.can_bus.network.network_spec import network_spec
+from plant_sim.can_bus.network.routing import RoutedNetwork
+from plant_sim.can_bus.simulation.response_times import add_player, listeners, with_longest
 from plant_sim.can_bus.traffic.log_playback import Frames, Recording, feed
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import EXTENDED

@@ -6,7 +6,7 @@ from typing import Final
 
 from scipy.special import pdtrc
 
-from plant_sim.can_bus.analysis import ErrorModel, ResponseBound, worst_case_utilisation
+from plant_sim.can_bus.bounds.analysis import ErrorModel, ResponseBound, worst_case_utilisation
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 Bounds = Callable[[Sequence[BusMessage], ErrorModel | None], Sequence[ResponseBound]]

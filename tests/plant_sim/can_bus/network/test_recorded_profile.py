@@ -17,11 +17,11 @@ from plant_sim.can_bus import (
     make_network,
     recorded_traffic,
 )
-from plant_sim.can_bus.analysis import response_bounds
-from plant_sim.can_bus.delay_bounds import delay_bounds
-from plant_sim.can_bus.own_frames import DEFAULT_COMMAND, own_messages
-from plant_sim.can_bus.profiles import background_of, profile_spec
-from plant_sim.can_bus.simulation import traffic_spec
+from plant_sim.can_bus.bounds.analysis import response_bounds
+from plant_sim.can_bus.bounds.delay_bounds import delay_bounds
+from plant_sim.can_bus.network.own_frames import DEFAULT_COMMAND, own_messages
+from plant_sim.can_bus.network.profiles import background_of, profile_spec
+from plant_sim.can_bus.simulation.response_times import traffic_spec
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 MS = 1_000_000

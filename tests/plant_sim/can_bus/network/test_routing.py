@@ -16,11 +16,11 @@ from plant_sim.can_bus import (
     load_profile,
     profile_spec,
 )
-from plant_sim.can_bus.holistic import arrivals
-from plant_sim.can_bus.network_spec import network_spec
-from plant_sim.can_bus.own_frames import MS, own_messages
-from plant_sim.can_bus.profiles import routed_messages
-from plant_sim.can_bus.routing import Hop, RoutedMessage, RoutedNetwork, route
+from plant_sim.can_bus.bounds.holistic import arrivals
+from plant_sim.can_bus.network.network_spec import network_spec
+from plant_sim.can_bus.network.own_frames import MS, own_messages
+from plant_sim.can_bus.network.profiles import routed_messages
+from plant_sim.can_bus.network.routing import Hop, RoutedMessage, RoutedNetwork, route
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 LINE = Topology(

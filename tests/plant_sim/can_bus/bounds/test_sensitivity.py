@@ -8,9 +8,9 @@ import pytest
 from scipy import stats
 
 from plant_sim.can_bus import DELIVERED, advance, build_network, drain
-from plant_sim.can_bus.analysis import ErrorModel, response_bounds
-from plant_sim.can_bus.sensitivity import breakdown, error_tolerance, late
-from plant_sim.can_bus.simulation import traffic_spec
+from plant_sim.can_bus.bounds.analysis import ErrorModel, response_bounds
+from plant_sim.can_bus.bounds.sensitivity import breakdown, error_tolerance, late
+from plant_sim.can_bus.simulation.response_times import traffic_spec
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 MS = 1_000_000

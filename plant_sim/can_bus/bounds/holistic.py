@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from plant_sim.buses.topology import Topology
-from plant_sim.can_bus.analysis import OVERLOADED, ErrorModel, ResponseBound, response_bounds
-from plant_sim.can_bus.routing import Hop, RoutedMessage, RoutedNetwork
+from plant_sim.can_bus.bounds.analysis import OVERLOADED, ErrorModel, ResponseBound, response_bounds
+from plant_sim.can_bus.network.routing import Hop, RoutedMessage, RoutedNetwork
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 _MOST_WAITING_NS: Final = 10**9

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from plant_sim.can_bus import DELIVERED, ERROR, REFUSED
-from plant_sim.can_bus.analysis import (
+from plant_sim.can_bus.bounds.analysis import (
     ErrorModel,
     response_bounds,
     worst_case_utilisation,
@@ -21,7 +21,7 @@ from plant_sim.can_bus.kernel.network import (
     build_network,
 )
 from plant_sim.can_bus.kernel.scheduler import advance
-from plant_sim.can_bus.simulation import traffic_spec
+from plant_sim.can_bus.simulation.response_times import traffic_spec
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import EXTENDED, arbitration_key, worst_case_bits
 from tests.support.simulated_set import simulated_responses

@@ -6,8 +6,8 @@ from math import lcm
 from typing import Final
 
 from canroll.errors import VerdictError
-from plant_sim.can_bus.analysis import ResponseBound
-from plant_sim.can_bus.sensitivity import Bounds, late
+from plant_sim.can_bus.bounds.analysis import ResponseBound
+from plant_sim.can_bus.bounds.sensitivity import Bounds, late
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import EXTENDED
 

@@ -22,11 +22,11 @@ from plant_sim.can_bus import (
     load_profile,
     make_network,
 )
-from plant_sim.can_bus.ages import Loop, simulate_ages
-from plant_sim.can_bus.analysis import response_bounds
-from plant_sim.can_bus.delay_bounds import delay_bounds, message_paths
-from plant_sim.can_bus.own_frames import MS, own_messages
-from plant_sim.can_bus.profiles import background_of
+from plant_sim.can_bus.bounds.analysis import response_bounds
+from plant_sim.can_bus.bounds.delay_bounds import delay_bounds, message_paths
+from plant_sim.can_bus.network.own_frames import MS, own_messages
+from plant_sim.can_bus.network.profiles import background_of
+from plant_sim.can_bus.simulation.ages import Loop, simulate_ages
 
 FRAMES = {m.name: m.frame_id for m in dbc.load().messages}
 OWN = {m.name: m for m in own_messages()}

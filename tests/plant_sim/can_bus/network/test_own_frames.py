@@ -6,7 +6,7 @@ import dbc
 from codegen.generated.bus_map import load
 from codegen.generated.signals import DBC, MAP
 from plant_sim.buses.profile import BUSY, QUICK, SECURED
-from plant_sim.can_bus.own_frames import most_received
+from plant_sim.can_bus.network.own_frames import most_received
 
 SHORTEST = {"secured_fd": 140_000, "500k": 222_000, "125k_busy": 888_000}
 """A frame without a stuff bit, ns: 30 bits at 500 kbit/s and 160 at 2 Mbit/s; 111 if classic."""

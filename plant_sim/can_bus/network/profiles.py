@@ -15,16 +15,16 @@ from plant_sim.can_bus.kernel.network import (
     add_node,
     build_network,
 )
-from plant_sim.can_bus.network_spec import network_spec
-from plant_sim.can_bus.own_frames import (
+from plant_sim.can_bus.network.network_spec import network_spec
+from plant_sim.can_bus.network.own_frames import (
     DEFAULT_COMMAND,
     frame_names,
     measurement_messages,
     messages_of,
     own_messages,
 )
-from plant_sim.can_bus.recorded_profile import RecordedProfile
-from plant_sim.can_bus.routing import RoutedMessage, RoutedNetwork, route
+from plant_sim.can_bus.network.recorded_profile import RecordedProfile
+from plant_sim.can_bus.network.routing import RoutedMessage, RoutedNetwork, route
 from plant_sim.can_bus.traffic.background import background_messages
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.traffic.looped import LoopedTraffic

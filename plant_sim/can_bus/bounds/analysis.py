@@ -13,7 +13,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from plant_sim.can_bus.demand import Demand, Task, task_of, with_offsets
+from plant_sim.can_bus.bounds.demand import Demand, Task, task_of, with_offsets
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import duration_ns
 

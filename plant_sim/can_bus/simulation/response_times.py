@@ -18,8 +18,8 @@ from plant_sim.can_bus.kernel.network import (
     build_network,
 )
 from plant_sim.can_bus.kernel.scheduler import advance
-from plant_sim.can_bus.network_spec import network_spec
-from plant_sim.can_bus.routing import RoutedNetwork
+from plant_sim.can_bus.network.network_spec import network_spec
+from plant_sim.can_bus.network.routing import RoutedNetwork
 from plant_sim.can_bus.traffic.log_playback import Recording, feed
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import ERROR_STATE, worst_case_bits

@@ -10,7 +10,7 @@ from plant_sim.can_bus.kernel.network import (
     Node,
     Segment,
 )
-from plant_sim.can_bus.routing import Hop, RoutedMessage, RoutedNetwork
+from plant_sim.can_bus.network.routing import Hop, RoutedMessage, RoutedNetwork
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 

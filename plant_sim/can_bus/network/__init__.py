@@ -1,0 +1,1 @@
+"""Networks described: segments, routes, own frames, traffic; from files and profiles."""

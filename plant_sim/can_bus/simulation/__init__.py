@@ -1,0 +1,1 @@
+"""Response times and ages by simulation."""
