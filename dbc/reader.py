@@ -57,7 +57,7 @@ class NetworkFile:
 
 
 @dataclass(frozen=True, slots=True)
-class Network:
+class NetworkDescription:
     """A network description.
 
     Attributes:
@@ -108,7 +108,7 @@ def file_names(files: Files) -> str:
     return " and ".join(path.name for path in each(files))
 
 
-def network(files: Files) -> Network:
+def network(files: Files) -> NetworkDescription:
     """Read a network description: the messages of all ``files`` together.
 
     Raises:
@@ -119,7 +119,7 @@ def network(files: Files) -> Network:
         if paths.count(path) > 1:
             raise CanrollError(f"{path}: given twice as a network description: omit one")
     found = tuple(map(network_file, paths))
-    return Network(_joined(found), found)
+    return NetworkDescription(_joined(found), found)
 
 
 @lru_cache(maxsize=8)

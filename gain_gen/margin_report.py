@@ -10,7 +10,7 @@ from canroll.arguments import checked
 from canroll.table import Table
 from gain_gen.analysis.family import Family, FamilyMargins, family_of
 from gain_gen.analysis.margins import Margins, margins
-from gain_gen.analysis.sampled_loop import Loop, loop_gain, response_peak
+from gain_gen.analysis.sampled_loop import SampledLoop, loop_gain, response_peak
 from gain_gen.analysis.verify import DELAY_LIMIT, family_checks, passive_controller
 from gain_gen.calibration.calibration_file import LoadedCalibration, load
 from gain_gen.calibration.dequantise import dequantise
@@ -23,7 +23,7 @@ GAIN_FACTORS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0, 4.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class DelayMargin:
     """One row of the tables, of the family's first member.
 
     Attributes:
@@ -79,8 +79,8 @@ class MarginReport:
     family: FamilyMargins
     checks: dict[str, Check]
     note: str
-    over_delay: tuple[Point, ...]
-    over_gain: tuple[Point, ...]
+    over_delay: tuple[DelayMargin, ...]
+    over_gain: tuple[DelayMargin, ...]
     frequencies: Matrix
     loop: dict[float, Complex]
 
@@ -132,12 +132,14 @@ def margin_report(calibration: LoadedCalibration | str | Path) -> MarginReport:
     member, delay = family.members[0], task.delay.nominal
     free = response_peak(member.loop(passive_controller(controller), delay), member.roll)
 
-    def loop(seconds: float, factor: float = 1.0) -> Loop:
+    def loop(seconds: float, factor: float = 1.0) -> SampledLoop:
         return member.loop(scaled_controller(controller, factor), seconds)
 
-    def point(seconds: float, factor: float) -> Point:
+    def point(seconds: float, factor: float) -> DelayMargin:
         closed = loop(seconds, factor)
-        return Point(seconds, factor, response_peak(closed, member.roll) / free, margins(closed))
+        return DelayMargin(
+            seconds, factor, response_peak(closed, member.roll) / free, margins(closed)
+        )
 
     found = family.margins(controller)
     largest = family.largest_delay(controller, found, limit=DELAY_LIMIT) if found.stable else 0.0
@@ -167,7 +169,7 @@ def _delays(family: Family, largest: float) -> list[float]:
 def to_json(report: MarginReport) -> dict[str, object]:
     """Return the report as plain numbers; null stands for infinity."""
 
-    def row(point: Point) -> dict[str, object]:
+    def row(point: DelayMargin) -> dict[str, object]:
         return {
             "delay_s": point.delay,
             "gain_factor": point.gain_factor,

@@ -29,7 +29,7 @@ class Budget:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class BudgetVerdict:
     """Comparison of a limit and a measurement."""
 
     name: str
@@ -61,7 +61,7 @@ def budget_of(tables: Mapping[str, Any]) -> Budget:
     return Budget(**given)
 
 
-def judge_host(budget: Budget, timing: Mapping[str, Any]) -> list[Verdict]:
+def judge_host(budget: Budget, timing: Mapping[str, Any]) -> list[BudgetVerdict]:
     """Compare the ``timing`` object of a run in real time with the limits for the host.
 
     The list is empty if ``timing["judged"]`` is False (fewer than two cores).
@@ -74,11 +74,13 @@ def judge_host(budget: Budget, timing: Mapping[str, Any]) -> list[Verdict]:
         ("tick_p99_us", budget.tick_p99_us, tick.get("p99")),
         ("latency_p99_us", budget.latency_p99_us, latency.get("p99")),
     )
-    return [Verdict(name, limit, value) for name, limit, value in measured if limit is not None]
+    return [
+        BudgetVerdict(name, limit, value) for name, limit, value in measured if limit is not None
+    ]
 
 
-def judge_target(budget: Budget, instructions: int) -> list[Verdict]:
+def judge_target(budget: Budget, instructions: int) -> list[BudgetVerdict]:
     """Compare the largest number of instructions of a tick on the target with the budget."""
     if budget.instructions is None:
         return []
-    return [Verdict("instructions", budget.instructions, instructions)]
+    return [BudgetVerdict("instructions", budget.instructions, instructions)]

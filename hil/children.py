@@ -21,7 +21,7 @@ GRACE = 60.0
 
 
 @dataclass(slots=True)
-class Program:
+class ChildProgram:
     """A started program and its output so far."""
 
     name: str
@@ -79,9 +79,9 @@ class Program:
         return VerdictError(words) if code == VerdictError.exit_code else CanrollError(words)
 
 
-def start(children: list[Program], name: str, arguments: list[str]) -> Program:
+def start(children: list[ChildProgram], name: str, arguments: list[str]) -> ChildProgram:
     """Start a program in its own session: a terminal's Ctrl-C reaches only the parent."""
-    child = Program(
+    child = ChildProgram(
         name,
         subprocess.Popen(
             [sys.executable, "-m", "canroll.cli.main", *arguments],
@@ -98,7 +98,7 @@ def start(children: list[Program], name: str, arguments: list[str]) -> Program:
     return child
 
 
-def wait_for(child: Program, prefix: str, other: Program | None = None) -> str:
+def wait_for(child: ChildProgram, prefix: str, other: ChildProgram | None = None) -> str:
     """Return the first line of ``child`` that begins with ``prefix``.
 
     Raises:
@@ -120,7 +120,7 @@ def wait_for(child: Program, prefix: str, other: Program | None = None) -> str:
             selector.select(0.1)
 
 
-def check_ended(child: Program) -> None:
+def check_ended(child: ChildProgram) -> None:
     """Wait until a program that is ending has written its files.
 
     Raises:
@@ -138,7 +138,7 @@ def check_ended(child: Program) -> None:
         raise child.failure()
 
 
-def stop(children: list[Program]) -> None:
+def stop(children: list[ChildProgram]) -> None:
     """End the running programs, the last started first."""
     for child in reversed(children):
         child.ask_to_stop()

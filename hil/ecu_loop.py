@@ -20,7 +20,7 @@ from hil.bus_link import Frame, Link
 from hil.lockstep import Grants
 from hil.phase_lock import PhaseLock
 from hil.process import Stop, collector_off
-from hil.tick_trace import Recorder
+from hil.tick_trace import TickRecorder
 
 STOPPED, PEER_LOST, DURATION = "stopped", "peer lost", "duration over"
 AWAKE_NS = 300_000
@@ -28,7 +28,7 @@ AWAKE_NS = 300_000
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class EcuOutcome:
     """Outcome of a loop: reason for its end, ticks run, ticks skipped, final mode of the ECU."""
 
     reason: str
@@ -40,7 +40,7 @@ class Outcome:
 def run(
     ecu: Backend,
     link: Link,
-    recorder: Recorder,
+    recorder: TickRecorder,
     calibration: Calibration,
     *,
     stop: Stop,
@@ -48,7 +48,7 @@ def run(
     peer_timeout_ns: int | None = None,
     lock: PhaseLock | None = None,
     firmware: BusFirmware | None = None,
-) -> Outcome:
+) -> EcuOutcome:
     """Run ``ecu`` on ``link`` until a stop request, loss of the vehicle or the end of the duration.
 
     At the end the first action is to command zero to the actuators.
@@ -112,7 +112,7 @@ def run(
             elapsed = 1 + skipped
             deadline = due + skipped * period
         link.send(*last_command(ecu, calibration, command, firmware))
-    return Outcome(reason, ticks, number - ticks, ecu.state.mode)
+    return EcuOutcome(reason, ticks, number - ticks, ecu.state.mode)
 
 
 def _wait(link: Link, deadline: int, lock: PhaseLock | None, imu: int) -> list[Frame]:
@@ -136,14 +136,14 @@ def run_granted(
     ecu: Backend,
     link: Link,
     grants: Grants,
-    recorder: Recorder,
+    recorder: TickRecorder,
     calibration: Calibration,
     *,
     stop: Stop,
     duration_ns: int | None = None,
     peer_timeout: float | None = None,
     firmware: BusFirmware | None = None,
-) -> Outcome:
+) -> EcuOutcome:
     """Run ``ecu`` in lock step: one tick for every grant, whenever it arrives.
 
     In the trace tick k is due, and starts, at k periods; its duration is measured.
@@ -192,7 +192,7 @@ def run_granted(
             ticks += 1
         link.send(*last_command(ecu, calibration, command, firmware))
         grants.end(1)
-    return Outcome(reason, ticks, 0, ecu.state.mode)
+    return EcuOutcome(reason, ticks, 0, ecu.state.mode)
 
 
 def last_command(

@@ -71,7 +71,7 @@ class Note:
         return cls(*struct.unpack(">BIHB", payload)[:3])
 
 
-class Channel:
+class GrantChannel:
     """Grants as frames on the bus itself.
 
     Args:
@@ -169,7 +169,7 @@ class GrantedEcu:
     def __init__(
         self,
         link: Link,
-        channel: Channel,
+        channel: GrantChannel,
         *,
         idents: Iterable[int],
         stop: Stop,
@@ -279,7 +279,7 @@ class Grants:
     def __init__(
         self,
         link: Link,
-        channel: Channel,
+        channel: GrantChannel,
         *,
         idents: Iterable[int],
         tick_us: int,

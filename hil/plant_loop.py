@@ -30,7 +30,7 @@ LAST_NS = 100_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class PlantOutcome:
     """Outcome of the loop: reason for its end, monotonic instants of plant time 0 and the end.
 
     ``loop``: lateness of every period against its deadline and its duration, ns, shape (n, 2);
@@ -86,7 +86,7 @@ def run(
     peer_timeout_ns: int | None = None,
     announce: Callable[[], None] = lambda: None,
     firmware: BusFirmware | None = None,
-) -> Outcome:
+) -> PlantOutcome:
     """Keep ``world`` in step with the clock until the manoeuvre is over.
 
     Args:
@@ -135,12 +135,12 @@ def run(
                 break
             deadline += step_ns * max(1, -(-(end - deadline) // step_ns))
         ended = clock()
-    return Outcome(reason, began, ended, loop[:done], ended - began, refused)
+    return PlantOutcome(reason, began, ended, loop[:done], ended - began, refused)
 
 
 def run_granting(
     world: World, ecu: GrantedEcu, *, stop: Stop, duration_ns: int, offset_ns: int = 0
-) -> Outcome:
+) -> PlantOutcome:
     """Drive ``world`` in lock step with an ECU that has answered.
 
     Args:
@@ -170,4 +170,4 @@ def run_granting(
         reason = PEER_LOST
     ecu.end()
     none = np.zeros((0, 2), dtype=np.int64)
-    return Outcome(reason, 0, world.now_ns, none, time.monotonic_ns() - began)
+    return PlantOutcome(reason, 0, world.now_ns, none, time.monotonic_ns() - began)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from canroll import documents
 from canroll.errors import reading, writing
 from hil.hardware.bus_record import ENTRY
-from hil.plant_loop import Outcome
+from hil.plant_loop import PlantOutcome
 from plant_sim.world import archive
 from plant_sim.world.spool import Table
 from plant_sim.world.world import World
@@ -38,7 +38,7 @@ class PlantRecord:
 def save(
     path: Path,
     world: World,
-    outcome: Outcome,
+    outcome: PlantOutcome,
     about: Mapping[str, Any],
     bus: NDArray[np.void],
 ) -> None:

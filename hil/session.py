@@ -16,11 +16,11 @@ from canroll.runs.trace import Trace
 from canroll.runs.virtual_time import Interrupted
 from canroll.setup import words
 from canroll.setup.choices import CHOICES
-from canroll.setup.controller import Controller
+from canroll.setup.controller import PreparedController
 from gain_gen.calibration import calibration_file
 from hil import children as programs
 from hil import plant_record, process, tick_trace, timing
-from hil.children import Program
+from hil.children import ChildProgram
 from hil.plant_record import PlantRecord
 from hil.tick_trace import TickTrace
 from vehicles import plausible
@@ -59,7 +59,7 @@ def choose_cores() -> tuple[int, int] | None:
 
 
 def drive(
-    settings: Settings, controller: Controller, setup: Setup, *, enabled: bool
+    settings: Settings, controller: PreparedController, setup: Setup, *, enabled: bool
 ) -> tuple[Trace, dict[str, Any]]:
     """Drive the manoeuvre once as two programs; return its trace and the ``timing`` object.
 
@@ -76,7 +76,7 @@ def drive(
     record, ticks = folder / "plant.npz", folder / "ticks.npz"
     for old in (record, ticks):
         old.unlink(missing_ok=True)
-    children: list[Program] = []
+    children: list[ChildProgram] = []
     try:
         plant = programs.start(children, "plant", plant_arguments(settings, setup, enabled=enabled))
         bus = list(setup.bus_options)
@@ -216,7 +216,7 @@ def _judged(
     plant: PlantRecord,
     trace: Trace,
     told: Mapping[str, Any],
-) -> validity.Run:
+) -> validity.RunTiming:
     """Return the timing that decides the validity of a run."""
     whole = experiment.build_world(settings, enabled=False).duration_ns * 1e-9
     planned = whole if setup.duration is None else setup.duration
@@ -225,7 +225,7 @@ def _judged(
     delay = experiment.delay_of(settings)
     tick = settings.tick
     p99 = told["latency_us"] and 1e-6 * told["latency_us"]["p99"]
-    return validity.Run(
+    return validity.RunTiming(
         due=int((planned + 1e-9) / tick) - 1,
         ticks=int(told["ticks"]),
         tick=tick,

@@ -62,7 +62,7 @@ FRAMES = frames_of(8)
 """Frames of the built-in bus."""
 
 
-class Recorder:
+class TickRecorder:
     """Memory for ``ticks`` ticks and ``frames`` frames, moved to a spool whenever it is full.
 
     A tick that fills it moves it after its end, so that what this takes shows as the lateness of
@@ -194,7 +194,7 @@ def load(path: Path) -> TickTrace:
 
 
 @dataclass(frozen=True, slots=True)
-class Replay:
+class TickReplay:
     """A backend's run of a trace: rows (:data:`canroll.runs.trace.TICK`), first difference."""
 
     rows: NDArray[np.void]
@@ -241,7 +241,7 @@ def replay(
     firmware: BusFirmware | None = None,
     key: bytes = DEVELOPMENT_KEY,
     through: Callable[[Backend], Backend] = lambda ecu: ecu,
-) -> Replay:
+) -> TickReplay:
     """Replay a trace with ``backend`` and compare every frame sent with the recorded one.
 
     Args:
@@ -265,7 +265,7 @@ def replay(
         if difference is None and answer != recorded:
             difference = f"tick {int(tick['number'])}: {_text(answer)}, not {_text(recorded)}"
         record_tick(row, (int(tick["start_ns"]) - start_ns) * 1e-9, ecu.state)
-    return Replay(rows, difference)
+    return TickReplay(rows, difference)
 
 
 def _replay_tick(ecu: Backend, frames: NDArray[np.void], elapsed: int) -> list[Frame]:

@@ -19,7 +19,7 @@ from hil import ecu_loop, plant_loop
 from hil.bus_link import Frame
 from hil.phase_lock import ACQUIRE, PhaseLock
 from hil.process import Stop
-from hil.tick_trace import Recorder
+from hil.tick_trace import TickRecorder
 from plant_sim.world.world import World
 
 TICKS = ACQUIRE + 4
@@ -66,7 +66,7 @@ def rehearse_ecu(
     firmware = firmware or built_in()
     link = _Rehearsal([(ident, bytes(firmware.room)) for ident in firmware.slots])
     period = 1000 * calibration.tick_us
-    recorder = Recorder(room=firmware.room)
+    recorder = TickRecorder(room=firmware.room)
     ecu_loop.run(
         ecu,
         link,

@@ -26,7 +26,7 @@ from gain_gen.laws.custom import read_matrices
 from gain_gen.models.task import Delay, Task
 from hil import tick_trace
 from hil.budget import Budget, budget_of
-from plant_sim.buses.topology import Spread
+from plant_sim.buses.topology import TimeSpread
 from plant_sim.can_bus.network.network_file import KEYS as KEYS_OF_A_NETWORK
 from plant_sim.can_bus.network.network_file import load_profile
 from plant_sim.can_bus.network.own_frames import bus_map as bus_map_of
@@ -35,7 +35,7 @@ from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.wire.frame import EXTENDED, FD
 from plant_sim.driving import maneuvers
 from vehicles.load import from_table
-from vehicles.model import Channel, Vehicle
+from vehicles.model import SensorChannel, Vehicle
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "file-formats.md").read_text(encoding="utf-8")
@@ -82,7 +82,7 @@ def keys_of(kind, prefix=""):
     for field in fields(kind):
         hint = get_type_hints(kind)[field.name]
         hint = next((part for part in get_args(hint) if is_dataclass(part)), hint)
-        if is_dataclass(hint) and (hint is not Channel or field.name == "roll_rate"):
+        if is_dataclass(hint) and (hint is not SensorChannel or field.name == "roll_rate"):
             yield from keys_of(hint, f"{prefix}{field.name}.")
         else:
             yield f"{prefix}{field.name}"
@@ -128,7 +128,7 @@ def test_a_network_is_read_to_the_last_key(example):
     profile = load_profile(str(path))
     assert (profile.bitrate, profile.data_bitrate, profile.load) == (500_000, 2_000_000, 0.6)
     assert (profile.above, profile.bit_error_rate) == (0.3, 1e-7)
-    assert profile.network.gateways[0].latency == Spread(2_000_000, 4_000_000)
+    assert profile.network.gateways[0].latency == TimeSpread(2_000_000, 4_000_000)
     assert profile.network.jitter["Imu"].high_ns == 300_000
     assert [box.slot for box in bus_map_of(profile).frames][:2] == ["imu", "vehicle_motion"]
     several = tomllib.loads(example("segments.toml").read_text())
@@ -150,7 +150,7 @@ def test_segments_are_joined_by_gateways(example):
     ways = {found.message.name: found.segments for found in routed_messages(profile)}
     assert ways["Imu"] == (0, 1) and ways["Doors"] == (1, 0)
     assert profile.network.gateways[0].latency.samples_ns == (1_500_000, 2_000_000)
-    assert profile.network.jitter["RollControl"] == Spread(100_000, 400_000)
+    assert profile.network.jitter["RollControl"] == TimeSpread(100_000, 400_000)
 
 
 def test_a_map_leads_from_signals_to_fields(example, tmp_path):

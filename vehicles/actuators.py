@@ -27,7 +27,7 @@ class Command(NamedTuple):
     channels: int
 
 
-class Channel(NamedTuple):
+class ActuatorChannel(NamedTuple):
     """One channel of an actuator: lag (s), limit, its rate (1/s) and power (W); inf: unlimited."""
 
     lag: float
@@ -60,7 +60,7 @@ class Actuator(ABC):
     needs_suspension_rate: ClassVar[bool] = False
 
     @abstractmethod
-    def channel(self, vehicle: Vehicle) -> Channel:
+    def channel(self, vehicle: Vehicle) -> ActuatorChannel:
         """Limits of one channel, as the plant has them."""
 
     def lag(self, vehicle: Vehicle) -> float:
@@ -103,7 +103,7 @@ def _of_forces(vehicle: Vehicle, share: float, force: float) -> float:
     return min(2.0 * axle.half_track * force / part for axle, part in parts)
 
 
-class Suspension(Actuator):
+class SuspensionActuator(Actuator):
     """Four-corner active suspension."""
 
     number = 0
@@ -111,10 +111,10 @@ class Suspension(Actuator):
         Command("SuspensionForceCommand", "ForceFrontLeft", 4),
     )
 
-    def channel(self, vehicle: Vehicle) -> Channel:
+    def channel(self, vehicle: Vehicle) -> ActuatorChannel:
         """Of one corner, N."""
         data = vehicle.actuators.suspension
-        return Channel(data.lag, data.force_limit, data.force_rate_limit, data.power_limit)
+        return ActuatorChannel(data.lag, data.force_limit, data.force_rate_limit, data.power_limit)
 
     def arms(self, vehicle: Vehicle) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Half tracks."""
@@ -146,10 +146,10 @@ class Bars(Actuator):
     commands: ClassVar[tuple[Command, ...]] = (Command("AntiRollBarCommand", "TorqueFront", 2),)
     uses_travel = False
 
-    def channel(self, vehicle: Vehicle) -> Channel:
+    def channel(self, vehicle: Vehicle) -> ActuatorChannel:
         """Of one bar, N·m."""
         data = vehicle.actuators.bars
-        return Channel(data.lag, data.torque_limit, data.torque_rate_limit)
+        return ActuatorChannel(data.lag, data.torque_limit, data.torque_rate_limit)
 
     def command_limit(self, vehicle: Vehicle, share: float, ranges: Range) -> float:
         """By the bar that has the larger share."""
@@ -161,18 +161,18 @@ class Bars(Actuator):
         return vehicle.actuators.bars.torque_rate_limit / max(share, 1.0 - share)
 
 
-class Dampers(Suspension):
+class Dampers(SuspensionActuator):
     """Semi-active dampers: forces become settings by the rule of a semi-active device, at 1 ms."""
 
     number = 2
-    commands = (Command("DamperCommand", "CurrentFrontLeft", 4), *Suspension.commands)
+    commands = (Command("DamperCommand", "CurrentFrontLeft", 4), *SuspensionActuator.commands)
     takes_moments = False
     hydraulic = False
     needs_suspension_rate = True
 
-    def channel(self, vehicle: Vehicle) -> Channel:
+    def channel(self, vehicle: Vehicle) -> ActuatorChannel:
         """Of one damper's setting, from 0 to 1."""
-        return Channel(vehicle.actuators.dampers.lag, 1.0, inf)
+        return ActuatorChannel(vehicle.actuators.dampers.lag, 1.0, inf)
 
     def arms(self, vehicle: Vehicle) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """None: dampers push no body."""
@@ -195,9 +195,9 @@ class Valves(Bars):
     takes_moments = False
     uses_travel = True
 
-    def channel(self, vehicle: Vehicle) -> Channel:
+    def channel(self, vehicle: Vehicle) -> ActuatorChannel:
         """Without lag and limits but those of its hydraulics."""
-        return Channel(0.0, inf, inf)
+        return ActuatorChannel(0.0, inf, inf)
 
     def lag(self, vehicle: Vehicle) -> float:
         """That of the active bars."""
@@ -221,7 +221,7 @@ class Valves(Bars):
 
 
 ACTUATORS: dict[str, Actuator] = {
-    "suspension": Suspension(),
+    "suspension": SuspensionActuator(),
     "bars": Bars(),
     "dampers": Dampers(),
     "valves": Valves(),

@@ -81,7 +81,7 @@ class Actuators:
 
 
 @dataclass(frozen=True, slots=True)
-class Channel:
+class SensorChannel:
     """One sensor signal: SI units of the signal, per √Hz, per K; filter (Hz) and latency (s)."""
 
     noise_density: float
@@ -101,11 +101,11 @@ class Sensors:
 
     imu_position: tuple[float, float, float]
     imu_misalignment: tuple[float, float, float]
-    roll_rate: Channel
-    yaw_rate: Channel
-    lateral_acceleration: Channel
-    longitudinal_acceleration: Channel
-    suspension_travel: Channel
-    suspension_rate: Channel
-    speed: Channel
-    steering_wheel: Channel
+    roll_rate: SensorChannel
+    yaw_rate: SensorChannel
+    lateral_acceleration: SensorChannel
+    longitudinal_acceleration: SensorChannel
+    suspension_travel: SensorChannel
+    suspension_rate: SensorChannel
+    speed: SensorChannel
+    steering_wheel: SensorChannel

@@ -13,16 +13,15 @@ from typing import Any
 
 from vehicles.equipment import (
     Actuators,
-    Channel,
     ElectroHydraulicBars,
     SemiActiveDampers,
+    SensorChannel,
     Sensors,
 )
 
 __all__ = [
     "GRAVITY",
     "Actuators",
-    "Channel",
     "Driver",
     "ElectroHydraulicBars",
     "Empty",
@@ -30,6 +29,7 @@ __all__ = [
     "Mass",
     "RollModel",
     "SemiActiveDampers",
+    "SensorChannel",
     "Sensors",
     "Steering",
     "Suspension",

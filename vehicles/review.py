@@ -12,7 +12,7 @@ from vehicles.roll_stiffness import suspension_roll_stiffness
 
 
 @dataclass(frozen=True, slots=True)
-class Quantity:
+class ReviewedQuantity:
     """A derived number of a vehicle.
 
     Attributes:
@@ -108,7 +108,7 @@ LABELS = {
 """Label and unit of each ratio."""
 
 
-def handling(vehicle: Vehicle) -> Iterator[Quantity]:
+def handling(vehicle: Vehicle) -> Iterator[ReviewedQuantity]:
     """Quantities by which a vehicle's roll and handling are judged.
 
     A range is that beyond which :mod:`vehicles.plausible` refuses a vehicle file.
@@ -116,20 +116,20 @@ def handling(vehicle: Vehicle) -> Iterator[Quantity]:
     plausible = {band.quantity: (band.low, band.high) for band in BANDS}
     plant = vehicle.plant
     understeer = degrees(vehicle.understeer) * GRAVITY
-    yield Quantity("mass", vehicle.total_mass, "kg")
-    yield Quantity("height of the centre of gravity", vehicle.cg_height, "m")
-    yield Quantity("static stability factor", vehicle.static_stability_factor, "g")
+    yield ReviewedQuantity("mass", vehicle.total_mass, "kg")
+    yield ReviewedQuantity("height of the centre of gravity", vehicle.cg_height, "m")
+    yield ReviewedQuantity("static stability factor", vehicle.static_stability_factor, "g")
     gradient = plausible["a roll gradient"]
-    yield Quantity("roll gradient", plant.roll_gradient_deg_per_g, "deg/g", *gradient)
-    yield Quantity("natural frequency in roll", plant.natural_frequency / (2 * pi), "Hz")
+    yield ReviewedQuantity("roll gradient", plant.roll_gradient_deg_per_g, "deg/g", *gradient)
+    yield ReviewedQuantity("natural frequency in roll", plant.natural_frequency / (2 * pi), "Hz")
     steer = plausible["an understeer gradient"]
-    yield Quantity("understeer gradient", understeer, "deg/g", *steer)
+    yield ReviewedQuantity("understeer gradient", understeer, "deg/g", *steer)
 
 
-def beside_class(vehicle: Vehicle, kind: str) -> Iterator[Quantity]:
+def beside_class(vehicle: Vehicle, kind: str) -> Iterator[ReviewedQuantity]:
     """Ratios of a vehicle with the usual ranges of a class."""
     of_class = class_named(kind)
     for name, value in RATIO_OF.items():
         ratio = getattr(of_class, name)
         label, unit = LABELS[name]
-        yield Quantity(label, value(vehicle), unit, ratio.low, ratio.high)
+        yield ReviewedQuantity(label, value(vehicle), unit, ratio.low, ratio.high)

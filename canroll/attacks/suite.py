@@ -22,7 +22,7 @@ from canroll.runs.result import Settings
 from canroll.runs.trace import Trace
 from canroll.runs.virtual_time import closed_loop
 from canroll.setup.choices import PASSIVE
-from canroll.setup.controller import Controller
+from canroll.setup.controller import PreparedController
 from codegen.run.backends import Backend, open_backend
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.ecu_traffic import Frame, Payload
@@ -102,8 +102,8 @@ class Gate:
 
 
 @dataclass(frozen=True, slots=True)
-class Driven:
-    """A run under attack: its trace, and the frames of the attacker as in :class:`Outcome`."""
+class AttackRun:
+    """A run under attack: its trace, and the frames of the attacker (:class:`AttackOutcome`)."""
 
     trace: Trace
     sent: int
@@ -111,7 +111,7 @@ class Driven:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class AttackOutcome:
     """What an attack did.
 
     Attributes:
@@ -144,7 +144,7 @@ class Suite:
     settings: Settings
     authenticated: bool
     passive_roll_deg: float
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[AttackOutcome, ...]
 
     @property
     def accepted(self) -> int:
@@ -216,7 +216,7 @@ def run(
     return Suite(settings, settings.firmware.bus.secured, roll, tuple(outcomes))
 
 
-def attacked(loop: tuple[Settings, Controller, Trace], number: int | None) -> Outcome:
+def attacked(loop: tuple[Settings, PreparedController, Trace], number: int | None) -> AttackOutcome:
     """Drive the attack of a number, or none.
 
     ``loop``: settings, controller, and the run without control.
@@ -227,7 +227,7 @@ def attacked(loop: tuple[Settings, Controller, Trace], number: int | None) -> Ou
     return outcome(settings, controller, passive, attack)
 
 
-def _driven(settings: Settings, controller: Controller, attack: Attack) -> Driven:
+def _driven(settings: Settings, controller: PreparedController, attack: Attack) -> AttackRun:
     world = AttackedWorld(**world_options(settings, enabled=True))
     world.attack(attack.forge, START_NS, seed=settings.seed)
     inner = open_backend(
@@ -241,20 +241,20 @@ def _driven(settings: Settings, controller: Controller, attack: Attack) -> Drive
         offset_ns=tick_offset_ns(settings),
     )
     refused = (inner.refused, world.refused) if isinstance(inner, SecuredEcu) else None
-    return Driven(replace(trace, refused=refused), world.sent, gate.accepted + world.forged)
+    return AttackRun(replace(trace, refused=refused), world.sent, gate.accepted + world.forged)
 
 
 def outcome(
     settings: Settings,
-    controller: Controller,
+    controller: PreparedController,
     passive: Trace,
     attack: Attack,
-) -> Outcome:
+) -> AttackOutcome:
     """Drive one attack and judge it."""
     driven = _driven(settings, controller, attack)
     trace = driven.trace
     seen = reaction.observe(trace, passive, ())
-    return Outcome(
+    return AttackOutcome(
         attack=attack.name,
         sent=driven.sent,
         accepted=driven.accepted,

@@ -9,7 +9,7 @@ from typing import Any
 from canroll import documents
 from canroll.campaigns import quantities
 from canroll.campaigns.distributions import Discrete, Distribution, evenly, is_number, read
-from canroll.campaigns.plan import Plan
+from canroll.campaigns.plan import CampaignPlan
 from canroll.campaigns.quantities import FAULTS, GROUPS
 from canroll.campaigns.space import (
     RANDOM,
@@ -42,7 +42,7 @@ OWN = ("seed", "duration", "faults", "fault_file")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
+class CampaignRequest:
     """A campaign as it was written.
 
     Attributes:
@@ -65,7 +65,7 @@ class Request:
     sampling: Sampling
     source: str = "campaign"
 
-    def plan(self) -> Plan:
+    def plan(self) -> CampaignPlan:
         """Return the plan: the controller designed, every quantity checked.
 
         Raises:
@@ -83,7 +83,7 @@ class Request:
         own_body(settings.plant, "a campaign, which varies its vehicle,")
         for name in names:
             quantities.check(settings, name, self.draw[name], self.places[name])
-        return Plan(settings, controller, space, self.sampling, self.runs)
+        return CampaignPlan(settings, controller, space, self.sampling, self.runs)
 
 
 def of_options(
@@ -95,7 +95,7 @@ def of_options(
     spread: Mapping[str, float],
     buses: Sequence[str],
     faults: Sequence[str],
-) -> Request:
+) -> CampaignRequest:
     """Return the campaign given by options of the command line.
 
     Args:
@@ -122,7 +122,7 @@ def of_options(
     if faults:
         single = len(faults) / (len(faults) + 1)
         draw[FAULTS] = fault_sets(faults, single, 0.0)
-    return Request(
+    return CampaignRequest(
         scenario=scenario,
         choices=choices,
         draw=draw,
@@ -150,7 +150,9 @@ def fault_sets(faults: Sequence[str], single: float, double: float) -> Discrete:
     return Discrete(tuple(sets), tuple(shares))
 
 
-def load(path: Path, choices: Mapping[str, Any], *, runs: int | None, seed: int | None) -> Request:
+def load(
+    path: Path, choices: Mapping[str, Any], *, runs: int | None, seed: int | None
+) -> CampaignRequest:
     """Return the campaign of a file; ``choices``, ``runs`` and ``seed`` replace those in it.
 
     Raises:
@@ -184,7 +186,7 @@ def load(path: Path, choices: Mapping[str, Any], *, runs: int | None, seed: int 
     if "faults" in table:
         draw[FAULTS] = _faults(faults, f"{path} [faults]")
         places[FAULTS] = f"{path} [faults] of"
-    return Request(
+    return CampaignRequest(
         scenario=scenario,
         choices={**_choices(run, f"{path} [run]"), **choices},
         draw=draw,

@@ -12,7 +12,7 @@ from canroll.campaigns.sensitivity import influences, predictions
 from canroll.campaigns.study import Campaign, probabilities
 from canroll.campaigns.summary import QUANTITIES, count_of, order, plain, reduction
 from canroll.report.figure import DASHED, Figure, Series
-from canroll.report.page import Cell, Page, Table, Verdict, render
+from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
 from canroll.report.run_page import parameters, provenance
 from canroll.report.tables import number
 from canroll.runs.metrics import BY_KEY
@@ -25,7 +25,7 @@ SHARES = np.linspace(0.0, 1.0, 201)
 WORDS = {"passive": "without control", "controlled": "with control"}
 
 
-def probability_table(campaign: Campaign) -> Table:
+def probability_table(campaign: Campaign) -> PageTable:
     """Return count and interval of each event."""
     rows: list[list[str | Cell]] = []
     found = probabilities(campaign)
@@ -50,10 +50,10 @@ def probability_table(campaign: Campaign) -> Table:
         "so that the campaign could stop at the asked width.",
     }
     head = ("", "draws", "probability", "at least", "at most")
-    return Table("Probabilities", head, rows, notes[found["fails"]["interval"]])
+    return PageTable("Probabilities", head, rows, notes[found["fails"]["interval"]])
 
 
-def quantile_table(campaign: Campaign) -> Table:
+def quantile_table(campaign: Campaign) -> PageTable:
     """Return least, 5 %, 50 %, 95 % and largest of each figure, without and with control."""
     found = campaign.summary.quantiles()
     columns = list(found[QUANTITIES[0]]["passive"])
@@ -67,10 +67,10 @@ def quantile_table(campaign: Campaign) -> Table:
             place = f"quantiles.{name}.{side}"
             cells = [number(values[key], digits, f"{place}.{key}") for key in columns]
             rows.append([f"{label}, {word}", *cells])
-    return Table("Figures over all draws", ("", "least", "5 %", "50 %", "95 %", "most"), rows)
+    return PageTable("Figures over all draws", ("", "least", "5 %", "50 %", "95 %", "most"), rows)
 
 
-def hardest_table(campaign: Campaign, command: str) -> Table:
+def hardest_table(campaign: Campaign, command: str) -> PageTable:
     """Return the hardest draws."""
     worst, names = campaign.summary.worst, campaign.plan.space.names
     head = ("draw", "verdict", *(f"{word} (deg)" for word in WORDS.values()), "", "drawn")
@@ -91,10 +91,10 @@ def hardest_table(campaign: Campaign, command: str) -> Table:
             ]
         )
     note = f"{order(campaign.summary.worst_by).capitalize()}. Drive one again as a run: "
-    return Table("Hardest draws", head, rows, f"{note}{command} --only DRAW")
+    return PageTable("Hardest draws", head, rows, f"{note}{command} --only DRAW")
 
 
-def influence_table(campaign: Campaign) -> Table | None:
+def influence_table(campaign: Campaign) -> PageTable | None:
     """Return the drawn quantities, the most influential first; None if none is drawn."""
     found = influences(campaign.plan, campaign.summary)
     rows: list[list[str | Cell]] = [
@@ -115,10 +115,10 @@ def influence_table(campaign: Campaign) -> Table | None:
         "probability that the quantity tells a failing draw from a good one (0.5: no better than "
         "chance; blank: too few failures)."
     )
-    return Table("What matters", head, rows, note) if rows else None
+    return PageTable("What matters", head, rows, note) if rows else None
 
 
-def margin_table(campaign: Campaign) -> Table | None:
+def margin_table(campaign: Campaign) -> PageTable | None:
     """Return the linear margins of failing and good draws; None with few failures."""
     rows: list[list[str | Cell]] = [
         [each.name, f"{each.failed:.2f}", f"{each.good:.2f}", _text(each.separates)]
@@ -129,7 +129,7 @@ def margin_table(campaign: Campaign) -> Table | None:
         "Margins of the loop linearised at each drawn vehicle, speed and bus, driving straight; "
         "a margin that separates with a probability near 0.5 does not predict the failures."
     )
-    return Table("Linear margins of the same draws", head, rows, note) if rows else None
+    return PageTable("Linear margins of the same draws", head, rows, note) if rows else None
 
 
 def _text(value: float | None) -> str:
@@ -163,7 +163,7 @@ def campaign_page(campaign: Campaign, command: str, data: Mapping[str, Any]) -> 
             title=f"{campaign.summary.draws} draws of a {settings.scenario.replace('_', ' ')}",
             subtitle=f"{settings.vehicle_name} at {settings.speed * 3.6:.0f} km/h, "
             f"{settings.law_name} with {settings.actuator}",
-            verdict=Verdict(not campaign.summary.fails, headline, text),
+            verdict=PageVerdict(not campaign.summary.fails, headline, text),
             warnings=campaign.nominal.warnings,
             tables=[table for table in tables if table is not None],
             figures=[*_distributions(campaign), *_dependence(campaign)],

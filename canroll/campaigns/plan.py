@@ -16,7 +16,7 @@ from canroll.cases.identity import fingerprint, identity
 from canroll.errors import CanrollError
 from canroll.runs.metrics import METRICS, harm, helps
 from canroll.runs.result import Settings
-from canroll.setup.controller import Controller
+from canroll.setup.controller import PreparedController
 from canroll.studies.figures import figures
 
 HELPS, STAYS_HARMLESS = "helps", "harmless"
@@ -32,7 +32,7 @@ Columns = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
-class Plan:
+class CampaignPlan:
     """A campaign: all that decides its table, byte for byte.
 
     Attributes:
@@ -44,7 +44,7 @@ class Plan:
     """
 
     settings: Settings
-    controller: Controller
+    controller: PreparedController
     space: Space
     sampling: Sampling
     runs: int
@@ -137,7 +137,7 @@ def _column(name: str, values: list[Any]) -> NDArray[Any]:
     return np.array(values, dtype=object if text else np.float64)
 
 
-def drive_chunk(plan: Plan, chunk: int) -> Columns:
+def drive_chunk(plan: CampaignPlan, chunk: int) -> Columns:
     """Drive the draws of a chunk without and with control; return their rows of the table.
 
     Raises:
@@ -158,7 +158,7 @@ def drive_chunk(plan: Plan, chunk: int) -> Columns:
         raise CanrollError(f"draws {numbers[0]} to {numbers[-1]}: {error}") from None
 
 
-def driven(controller: Controller, settings: list[Settings]) -> Columns:
+def driven(controller: PreparedController, settings: list[Settings]) -> Columns:
     """Return the columns of figures and verdicts of draws."""
     found = figures(controller, settings)
     columns: Columns = {

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata, spearmanr
 
-from canroll.campaigns.plan import GOOD, Columns, Plan
+from canroll.campaigns.plan import GOOD, CampaignPlan, Columns
 from canroll.campaigns.summary import Summary, count_of, reduction, taken
 from canroll.errors import CanrollError
 from canroll.setup.delay import sample_to_force
@@ -48,7 +48,7 @@ class Influence:
     separates: float | None
 
 
-def influences(plan: Plan, summary: Summary) -> list[Influence]:
+def influences(plan: CampaignPlan, summary: Summary) -> list[Influence]:
     """Return the influence of every drawn quantity, the largest first-order index first."""
     rows, failed = summary.sample, summary.failed
     roll, less = rows["controlled_roll_max_deg"], reduction(rows)
@@ -121,7 +121,7 @@ class Prediction:
     separates: float | None
 
 
-def predictions(plan: Plan, summary: Summary) -> list[Prediction]:
+def predictions(plan: CampaignPlan, summary: Summary) -> list[Prediction]:
     """Return how well each linear margin of the drawn vehicles tells failures from good draws.
 
     The margins are those of the frozen controller on each vehicle at its own speed, driving
@@ -154,7 +154,7 @@ CAP = 60.0
 """A margin of infinity, dB: any gain is stable."""
 
 
-def _margins(plan: Plan, draw: int) -> tuple[float, float, float]:
+def _margins(plan: CampaignPlan, draw: int) -> tuple[float, float, float]:
     """Return gain, phase and modulus margin of a draw."""
     settings = plan.draw(draw)
     profile = load_profile(settings.bus, settings.dbc, settings.map)

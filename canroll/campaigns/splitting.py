@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from canroll.campaigns import quantities
 from canroll.campaigns.events import EVENTS, LEVELLED
-from canroll.campaigns.plan import Columns, Plan, driven
+from canroll.campaigns.plan import CampaignPlan, Columns, driven
 from canroll.campaigns.rare import SHARE, Estimate, Matrix, Vector, estimate, pieces
 from canroll.campaigns.space import RANDOM
 from canroll.campaigns.store import Chunks, table_of
@@ -37,7 +37,7 @@ class Splitting:
         samples: on each level, a multiple of 10.
     """
 
-    plan: Plan
+    plan: CampaignPlan
     event: str
     samples: int
 
@@ -129,7 +129,7 @@ class Splitting:
 
 
 def drive_samples(
-    plan: Plan, event: str, first: int, points: Matrix, seeds: NDArray[np.int64]
+    plan: CampaignPlan, event: str, first: int, points: Matrix, seeds: NDArray[np.int64]
 ) -> Columns:
     """Drive samples at unit points; return their rows, numbered from ``first``.
 

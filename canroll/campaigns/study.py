@@ -7,7 +7,7 @@ from typing import Any
 
 from canroll.arguments import checked
 from canroll.campaigns import campaign_file
-from canroll.campaigns.plan import HELPS, Columns, Plan, drive_chunk
+from canroll.campaigns.plan import HELPS, CampaignPlan, Columns, drive_chunk
 from canroll.campaigns.space import RANDOM
 from canroll.campaigns.store import Chunks, chunk_name, opened, table_of
 from canroll.campaigns.summary import REDUCTION, Summary, count_of, joined, plain, reduction
@@ -50,7 +50,7 @@ class Campaign:
         draws: the whole table, if it was kept in memory.
     """
 
-    plan: Plan
+    plan: CampaignPlan
     nominal: Result
     summary: Summary
     until: Until | None = None
@@ -145,7 +145,7 @@ class Means:
     draws: Callable[[Columns], None] | None = None
     worst_by: str = REDUCTION
 
-    def drive(self, plan: Plan, chunks: Sequence[int]) -> Iterator[Summary]:
+    def drive(self, plan: CampaignPlan, chunks: Sequence[int]) -> Iterator[Summary]:
         """Drive chunks that the store does not have; yield the summary after each, in order.
 
         Raises:
@@ -241,7 +241,7 @@ def campaign(
     return replace(found, draws=draws)
 
 
-def run(plan: Plan, means: Means, *, until: Until | None = None) -> Campaign:
+def run(plan: CampaignPlan, means: Means, *, until: Until | None = None) -> Campaign:
     """Drive all draws of a plan.
 
     The table depends on the plan and ``until`` alone, not on the means or interruptions.
@@ -270,7 +270,7 @@ def run(plan: Plan, means: Means, *, until: Until | None = None) -> Campaign:
     return Campaign(plan, nominal, summary, until, table)
 
 
-def run_shard(plan: Plan, means: Means, shard: tuple[int, int]) -> int:
+def run_shard(plan: CampaignPlan, means: Means, shard: tuple[int, int]) -> int:
     """Drive every ``shard[1]``-th chunk from the ``shard[0]``-th, counted from 1, on.
 
     Returns the number of its chunks.
@@ -285,7 +285,7 @@ def run_shard(plan: Plan, means: Means, shard: tuple[int, int]) -> int:
     return len(chunks)
 
 
-def merge(folders: Sequence[Path], store: Chunks, plan: Plan) -> None:
+def merge(folders: Sequence[Path], store: Chunks, plan: CampaignPlan) -> None:
     """Bring the chunks of the shards in ``folders`` to one store.
 
     Raises:

@@ -9,7 +9,7 @@ from typing import Any, TypeVar, get_type_hints
 
 from canroll.cases.engine import HERE, LOCAL, Engine, engine, results
 from canroll.cases.identity import fingerprint
-from canroll.cases.store import Rows
+from canroll.cases.store import JsonRows
 from canroll.errors import CanrollError, writing
 from canroll.typing import Progress
 
@@ -37,7 +37,7 @@ class Execution:
     @property
     def kept(self) -> int:
         """Number of rows in the folder."""
-        return 0 if self.folder is None else len(list(self.folder.glob(f"*/*{Rows.suffix}")))
+        return 0 if self.folder is None else len(list(self.folder.glob(f"*/*{JsonRows.suffix}")))
 
     @contextmanager
     def cases(self, progress: Progress | None = None) -> Iterator["Cases"]:
@@ -108,7 +108,7 @@ class Cases:
         Args:
             label: the activity.
             work: function of a module that returns a row, of a type annotated there that
-                :class:`canroll.cases.store.Rows` can keep.
+                :class:`canroll.cases.store.JsonRows` can keep.
             arguments: those of each case; one of many is sent to a process once where it is made
                 by ``engine.common``.
 
@@ -116,12 +116,12 @@ class Cases:
             CanrollError: a case cannot be driven, or a row cannot be kept.
             KeyboardInterrupt: Ctrl-C; the cases in work are finished and kept.
         """
-        store: Rows[T] | None = None
+        store: JsonRows[T] | None = None
         if self.digest and self.execution.folder is not None:
             folder = self.execution.folder / self.digest[:16]
             with writing(f"to {folder}", "choose another --out"):
                 folder.mkdir(parents=True, exist_ok=True)
-            store = Rows(folder, self.digest, get_type_hints(work)["return"])
+            store = JsonRows(folder, self.digest, get_type_hints(work)["return"])
         tasks = (
             (f"{work.__name__}-{number:06d}", work, each) for number, each in enumerate(arguments)
         )

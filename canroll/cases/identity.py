@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from canroll.runs.result import Settings
-from canroll.setup.controller import Controller
+from canroll.setup.controller import PreparedController
 from codegen.run.memory_image import image
 from dbc.reader import each
 from plant_sim.can_bus import load_profile
@@ -16,7 +16,7 @@ from plant_sim.can_bus import load_profile
 
 def identity(
     settings: Settings,
-    controller: Controller,
+    controller: PreparedController,
     *,
     buses: Iterable[str] = (),
     others: Iterable[object] = (),

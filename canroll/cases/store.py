@@ -54,7 +54,7 @@ class Store(ABC, Generic[T]):
 
 
 @dataclass(frozen=True, slots=True)
-class Rows(Store[T]):
+class JsonRows(Store[T]):
     """Rows as JSON.
 
     Attributes:

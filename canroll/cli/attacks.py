@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from typing import Any
 
 from canroll.attacks import suite
-from canroll.attacks.suite import Outcome, Suite
+from canroll.attacks.suite import AttackOutcome, Suite
 from canroll.cli import terminal
 from canroll.cli.cases import driven
 from canroll.cli.options import choices_of
-from canroll.report.page import Table
+from canroll.report.page import PageTable
 from canroll.report.run_folder import write_page
 from canroll.report.staging import page_folder
 
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
         return code
     for each in suites:
         terminal.show_verdict(each.verdict, good=not each.broken if each.authenticated else None)
-        terminal.show_table(Table("", HEAD, list(rows(each))))
+        terminal.show_table(PageTable("", HEAD, list(rows(each))))
         print()
     return code
 
@@ -57,7 +57,7 @@ def rows(its: Suite) -> Iterator[tuple[str, ...]]:
     yield ("without control", "", "", "", f"{its.passive_roll_deg:.2f}", "", "", "")
 
 
-def row(outcome: Outcome) -> tuple[str, ...]:
+def row(outcome: AttackOutcome) -> tuple[str, ...]:
     """What an attack did, as cells."""
     codes = ", ".join(outcome.codes)
     return (

@@ -9,11 +9,11 @@ from canroll.cli import terminal
 from canroll.cli.bus_parsers import DATABASE, LOG, NETWORK, SET
 from canroll.cli.parser import check_mode
 from canroll.errors import CanrollError, UnknownNameError
-from canroll.network.analysis import Options
-from canroll.network.margins import Request
-from canroll.network.recorded import Added, Log
+from canroll.network.analysis import AnalysisOptions
+from canroll.network.margins import MarginsRequest
+from canroll.network.recorded import Added, ExtendedLog
 from canroll.network.show import parts
-from canroll.network.sources import BusNetwork, Replay, TrafficSet
+from canroll.network.sources import BusNetwork, BusReplay, TrafficSet
 from canroll.report.console import Console
 from canroll.setup.choices import CHOICES, check
 from firmware.services.xcp_state import N_ODT
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     return int(any(answer.failed for answer in answers))
 
 
-def open_source(args: argparse.Namespace) -> TrafficSet | BusNetwork | Log:
+def open_source(args: argparse.Namespace) -> TrafficSet | BusNetwork | ExtendedLog:
     """Return the log, network or traffic set that FILE names.
 
     Raises:
@@ -68,7 +68,7 @@ def open_source(args: argparse.Namespace) -> TrafficSet | BusNetwork | Log:
     return _traffic_set(args)
 
 
-def _log(log: LogName, args: argparse.Namespace) -> Log:
+def _log(log: LogName, args: argparse.Namespace) -> ExtendedLog:
     named = log._asdict()
     del named["path"]
     for option, value in named.items():
@@ -83,7 +83,7 @@ def _log(log: LogName, args: argparse.Namespace) -> Log:
     added = Added("canroll", load_profile(str(CHOICES["bus"].default), args.dbc, args.map))
     if args.add is not None:
         added = replace(added, name=args.add.name, given=load_traffic(args.add).messages)
-    return Log(log.path, added, section=args.section, **named)
+    return ExtendedLog(log.path, added, section=args.section, **named)
 
 
 def _network(args: argparse.Namespace) -> BusNetwork:
@@ -109,8 +109,8 @@ def _traffic_set(args: argparse.Namespace) -> TrafficSet:
     return TrafficSet(
         args.file.name,
         traffic,
-        Request(args.offsets, args.sensitivity, args.errors_per_second, args.propose),
-        args.replay and Replay(args.replay, args.channel, args.section),
+        MarginsRequest(args.offsets, args.sensitivity, args.errors_per_second, args.propose),
+        args.replay and BusReplay(args.replay, args.channel, args.section),
     )
 
 
@@ -118,11 +118,11 @@ def _written(option: str) -> str:
     return f"--{option.replace('_', '-')}"
 
 
-def _options(args: argparse.Namespace) -> Options:
+def _options(args: argparse.Namespace) -> AnalysisOptions:
     errors = None
     if args.error_interval is not None:
         errors = ErrorModel(round(args.error_interval * 1e6))
-    return Options(
+    return AnalysisOptions(
         args.sensor,
         args.command,
         args.tick,

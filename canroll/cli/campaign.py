@@ -7,7 +7,7 @@ from pathlib import Path
 
 from canroll.campaigns import campaign_file, page, store, study
 from canroll.campaigns.events import EVENTS
-from canroll.campaigns.plan import SIDES, Plan
+from canroll.campaigns.plan import SIDES, CampaignPlan
 from canroll.campaigns.splitting import Splitting
 from canroll.campaigns.summary import REDUCTION, order
 from canroll.cli import cases, terminal
@@ -67,7 +67,7 @@ def _check(args: argparse.Namespace) -> None:
         raise CanrollError("--shard needs the folder for its chunks: add --out")
 
 
-def _request(args: argparse.Namespace) -> campaign_file.Request:
+def _request(args: argparse.Namespace) -> campaign_file.CampaignRequest:
     """Return the campaign of the command line."""
     choices = choices_of(args)
     seed = choices.pop("seed", None)
@@ -100,7 +100,7 @@ def _request(args: argparse.Namespace) -> campaign_file.Request:
     )
 
 
-def _opened(args: argparse.Namespace, plan: Plan, folder: Path) -> store.Chunks:
+def _opened(args: argparse.Namespace, plan: CampaignPlan, folder: Path) -> store.Chunks:
     return store.opened(
         folder,
         plan.digest,
@@ -116,7 +116,7 @@ def _means(
 
 
 def _drive(
-    args: argparse.Namespace, plan: Plan, chunks: store.Chunks | None, out: Path | None
+    args: argparse.Namespace, plan: CampaignPlan, chunks: store.Chunks | None, out: Path | None
 ) -> int:
     """Drive the draws of a plan and report."""
     until = None if args.until is None else study.Until(args.event, args.until)
@@ -200,7 +200,7 @@ def _one(args: argparse.Namespace, out: Path | None) -> int:
     return answer(result, out, args)
 
 
-def _rare(args: argparse.Namespace, plan: Plan, folder: Path | None) -> int:
+def _rare(args: argparse.Namespace, plan: CampaignPlan, folder: Path | None) -> int:
     """Estimate the probability of a rare event, and report it."""
     splitting = Splitting(plan, args.rare, args.samples)
     splitting.check()

@@ -13,7 +13,7 @@ KINDS = ("laws", "vehicles", "scenarios", "options", "buses", "bodies")
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class Subcommand:
     """A subcommand.
 
     ``options``: the "module:function" in this package that adds the options to its parser;
@@ -58,82 +58,84 @@ def listing(parser: Parser) -> None:
 
 
 COMMANDS = {
-    "run": Command("run a manoeuvre in virtual time, with and without control", "run_parsers:run"),
-    "compare": Command("compare several runs or laws on one page", "run_parsers:compare"),
-    "report": Command(
+    "run": Subcommand(
+        "run a manoeuvre in virtual time, with and without control", "run_parsers:run"
+    ),
+    "compare": Subcommand("compare several runs or laws on one page", "run_parsers:compare"),
+    "report": Subcommand(
         "evaluate a saved run again and write its page", "run_parsers:report", handler="run:report"
     ),
-    "sweep": Command(
+    "sweep": Subcommand(
         "run over a range of speeds or over several laws",
         "run_parsers:sweep",
         handler="compare:sweep",
     ),
-    "limit": Command(
+    "limit": Subcommand(
         "highest speed at which a manoeuvre passes",
         "run_parsers:limit",
         handler="vehicle_tests:limit",
     ),
-    "understeer": Command(
+    "understeer": Subcommand(
         "understeer and roll gradient on a circle (ISO 4138)",
         "run_parsers:understeer",
         handler="vehicle_tests:understeer",
     ),
-    "vehicle": Command(
+    "vehicle": Subcommand(
         "a vehicle file from mass and size; a vehicle beside its class", "run_parsers:vehicle"
     ),
-    "fit": Command("a vehicle's numbers from a measured drive", "run_parsers:fit"),
-    "response": Command(
+    "fit": Subcommand("a vehicle's numbers from a measured drive", "run_parsers:fit"),
+    "response": Subcommand(
         "yaw and roll frequency response to steering (ISO 7401)",
         "run_parsers:response",
         handler="vehicle_tests:response",
     ),
-    "design": Command("design a controller and write its calibration", "design_parsers:design"),
-    "margins": Command(
+    "design": Subcommand("design a controller and write its calibration", "design_parsers:design"),
+    "margins": Subcommand(
         "verify a calibration independently of its design", "design_parsers:margins"
     ),
-    "certify": Command(
+    "certify": Subcommand(
         "prove a calibration stable for every sequence of delays", "design_parsers:certify"
     ),
-    "bus": Command("bus load, response times and a bus server", "bus_parsers:bus"),
-    "hil": Command("run ECU and plant as two processes in real time", "bus_parsers:hil"),
-    "ecu": Command("the ECU alone, on any python-can interface", "bus_parsers:ecu"),
-    "plant": Command("the vehicle alone, on any python-can interface", "bus_parsers:plant"),
-    "watch": Command("watch the roll controller from the bus", "bus_parsers:watch"),
-    "export-c": Command(
+    "bus": Subcommand("bus load, response times and a bus server", "bus_parsers:bus"),
+    "hil": Subcommand("run ECU and plant as two processes in real time", "bus_parsers:hil"),
+    "ecu": Subcommand("the ECU alone, on any python-can interface", "bus_parsers:ecu"),
+    "plant": Subcommand("the vehicle alone, on any python-can interface", "bus_parsers:plant"),
+    "watch": Subcommand("watch the roll controller from the bus", "bus_parsers:watch"),
+    "export-c": Subcommand(
         "export the controller as C99 with test vectors", "design_parsers:export_c"
     ),
-    "export-fmu": Command(
+    "export-fmu": Subcommand(
         "export ECU, plant or bus as an FMU (FMI 3.0)",
         "design_parsers:export_fmu",
         handler="export_fmu:run",
     ),
-    "timing": Command(
+    "timing": Subcommand(
         "instructions, stack and sizes on the target; budget verdict", "design_parsers:timing"
     ),
-    "prove": Command(
+    "prove": Subcommand(
         "prove the loop free of overflow for every accepted calibration", "design_parsers:prove"
     ),
-    "reproduce": Command("recompute the tables of the four papers", "study_parsers:reproduce"),
-    "campaign": Command(
+    "reproduce": Subcommand("recompute the tables of the four papers", "study_parsers:reproduce"),
+    "campaign": Subcommand(
         "Monte Carlo over parameters, noise, delays and faults", "study_parsers:campaign"
     ),
-    "faults": Command(
+    "faults": Subcommand(
         "drive and judge a catalogue of faults",
         "study_parsers:faults",
         handler="faults:run",
     ),
-    "attacks": Command(
+    "attacks": Subcommand(
         "attackers on the bus, without authentication and with it",
         "bus_parsers:attacks",
         handler="attacks:run",
     ),
-    "severe": Command(
+    "severe": Subcommand(
         "severe manoeuvres over a population of vehicles",
         "study_parsers:severe",
         "vehicle_tests:severe",
     ),
-    "completion": Command("script for the completion of a shell", "commands:completion"),
-    "list": Command(
+    "completion": Subcommand("script for the completion of a shell", "commands:completion"),
+    "list": Subcommand(
         "laws, vehicles, scenarios and their options, buses and bodies by name",
         "commands:listing",
         handler="main:list_names",

@@ -23,7 +23,7 @@ from codegen.export.header import gains_header
 from codegen.generated import own_stage
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import calibrate, physical_notes, summary, title
-from gain_gen.calibration.quantise import Options
+from gain_gen.calibration.quantise import QuantiseOptions
 from gain_gen.design import design
 from gain_gen.laws import LAWS
 from gain_gen.models.task import Check, Delay, Design, Task
@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
     return 1 if answer.failures else 0
 
 
-def faults_of(task: Task, options: Options) -> tuple[Detectable, ...]:
+def faults_of(task: Task, options: QuantiseOptions) -> tuple[Detectable, ...]:
     """Return what of constant faults can be found with the signals that a design receives."""
     moments = task.actuator in ("suspension", "bars") and options.moment_reported
     bank = bank_of(task, Uncertainty(), suspension=options.response_watch, moments=moments)

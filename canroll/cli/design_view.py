@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from math import inf
 
-from canroll.report.page import Table
+from canroll.report.page import PageTable
 from gain_gen.calibration.freeze import summary
 from gain_gen.models.task import Design
 from gain_gen.monitors.detectability import Detectable
@@ -90,9 +90,9 @@ def head(answer: Design) -> Iterator[str]:
             yield f"  {name:<7} {'  '.join(f'{number:.6g}' for number in row)}"
 
 
-def checks(answer: Design) -> Table:
+def checks(answer: Design) -> PageTable:
     """Return the checks, each with its limit, verdict and worst case."""
-    return Table(
+    return PageTable(
         title="",
         head=("check", "value", "limit", "", "worst case"),
         rows=[
@@ -109,11 +109,11 @@ def checks(answer: Design) -> Table:
     )
 
 
-def others(answer: Design) -> Table:
+def others(answer: Design) -> PageTable:
     """Return the numbers without a limit: of the nominal loop, and of the law's own design."""
     numbers = {**answer.margins, **answer.solution.extra}
     rest = {name: number for name, number in numbers.items() if name not in answer.verified}
-    return Table(
+    return PageTable(
         title="",
         head=("nominal loop", "value"),
         rows=[(label(name), value(name, number)) for name, number in rest.items()],
@@ -129,9 +129,9 @@ DETECTABILITY = (
 """Title of the table of :func:`detectability`."""
 
 
-def detectability(rows: Iterable[Detectable]) -> Table:
+def detectability(rows: Iterable[Detectable]) -> PageTable:
     """Return what can be found of each constant fault, and what it is not told apart from."""
-    return Table(
+    return PageTable(
         title="",
         head=("least constant fault", "straight", "slalom", "told apart", "by", "but not from"),
         rows=[

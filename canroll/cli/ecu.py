@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
     remembered = lasting.of_ecu(lasting.read(args.memory), firmware)
     ecu = open_ecu(backend, calibration, firmware, key=key, lasting=remembered)
     link = open_link(args, firmware.fd)
-    recorder = tick_trace.Recorder(room=firmware.room)
+    recorder = tick_trace.TickRecorder(room=firmware.room)
     settings = process.paced(args.pace, cpu=args.cpu, priority=process.ECU_PRIORITY)
     with process.stop_on_signals() as stop, settings as notes:
         if args.pace == "realtime":
@@ -237,7 +237,7 @@ def grants_of(
 ) -> lockstep.Grants:
     """Return the plant's grants."""
     plants, own = sent_to(firmware), sent_by(firmware)
-    channel = lockstep.Channel(
+    channel = lockstep.GrantChannel(
         link, sends=lockstep.ACKNOWLEDGEMENT, hears=lockstep.GRANT, idents=plants | own
     )
     return lockstep.Grants(link, channel, idents=plants, foreign=own, tick_us=tick_us, stop=stop)

@@ -17,7 +17,7 @@ from canroll.runs.experiment import plan
 from canroll.runs.result import Settings
 from canroll.runs.traffic import record_traffic
 from canroll.setup.bus_frames import refuse_wide_steps
-from canroll.setup.controller import Controller
+from canroll.setup.controller import PreparedController
 from codegen.export import a2l, bundle
 from codegen.export.header import gains_header
 from codegen.generated import signals
@@ -91,7 +91,7 @@ def refuse_unwritable(folder: Path) -> None:
 
 
 def described(
-    args: argparse.Namespace, settings: Settings, controller: Controller, *, verified: bool
+    args: argparse.Namespace, settings: Settings, controller: PreparedController, *, verified: bool
 ) -> bundle.Export:
     """Contents of the bundle."""
     record = controller.record

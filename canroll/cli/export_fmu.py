@@ -28,7 +28,7 @@ MOST_FREE_NODES = 32
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class FmuKind:
     """What can be exported: its writer, and whether it has to have the key."""
 
     write: Callable[[argparse.Namespace], str]
@@ -130,8 +130,8 @@ def write_vehicle(args: argparse.Namespace) -> str:
 
 
 KINDS = {
-    "ecu": Kind(write_ecu, authenticates=True),
-    "plant": Kind(write_plant, authenticates=True),
-    "bus": Kind(write_bus),
-    "vehicle": Kind(write_vehicle),
+    "ecu": FmuKind(write_ecu, authenticates=True),
+    "plant": FmuKind(write_plant, authenticates=True),
+    "bus": FmuKind(write_bus),
+    "vehicle": FmuKind(write_vehicle),
 }

@@ -11,7 +11,7 @@ from canroll.report.run_folder import write_page
 from canroll.report.staging import page_folder
 from canroll.studies import fault_study
 from canroll.studies.fault_catalogue import CATALOGUE
-from canroll.studies.fault_study import Coverage, Judged
+from canroll.studies.fault_study import Coverage, JudgedFault
 
 
 def run(args: argparse.Namespace) -> int:
@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     terminal.show_verdict(found.verdict, good=not found.exit_code)
     print("\n" + "\n".join(coverage_lines(found.coverage)))
     others = [f for f in found.faults if f.as_expected is False and not f.harmful]
-    parts: dict[str, Sequence[Judged]] = {
+    parts: dict[str, Sequence[JudgedFault]] = {
         "Harmful and not detected": found.undetected,
         "Harmful, detected": [f for f in found.faults if f.harmful and f.detected],
         "Other than expected": others,
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     return found.exit_code
 
 
-def line(fault: Judged) -> str:
+def line(fault: JudgedFault) -> str:
     """Return what happened, in one line."""
     seen = fault.reaction
     if fault.no_verdict or seen is None:

@@ -15,7 +15,7 @@ from gain_gen.analysis.family import FamilyMargins
 from gain_gen.analysis.margins import Margins
 from gain_gen.calibration import calibration_file
 from gain_gen.design import UNVERIFIED
-from gain_gen.margin_report import MarginReport, Point, admits, margin_report, to_json
+from gain_gen.margin_report import DelayMargin, MarginReport, admits, margin_report, to_json
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -90,7 +90,7 @@ def _delay(seconds: float) -> str:
     return f"delays up to {_number(1e3 * seconds)} ms" if isfinite(seconds) else "any delay"
 
 
-def _row(label: str, point: Point) -> str:
+def _row(label: str, point: DelayMargin) -> str:
     found = point.margins
     if not point.stable:
         return f"{label:>12} unstable"
@@ -135,7 +135,7 @@ def draw(report: MarginReport, path: Path) -> None:
         figure.savefig(path, dpi=110)
 
 
-def _curve(axes: "Axes", at: list[float], points: Sequence[Point]) -> None:
+def _curve(axes: "Axes", at: list[float], points: Sequence[DelayMargin]) -> None:
     """Draw the peak response over one parameter, with a red line where the loop is unstable."""
     stable = [(x, point.peak) for x, point in zip(at, points, strict=True) if point.stable]
     axes.plot([x for x, _ in stable], [peak for _, peak in stable], "o-", label="controlled")

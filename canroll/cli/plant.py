@@ -17,7 +17,7 @@ from hil import lockstep, own_bus, plant_loop, plant_record, process, warm
 from hil.bus_link import Link, has_bus, open_link, parsed_options
 from hil.hardware import bus_record, lasting
 from hil.hardware.interfaces import is_loopback
-from hil.plant_loop import Outcome
+from hil.plant_loop import PlantOutcome
 from plant_sim.driving import maneuvers
 from plant_sim.faults import parse_all
 from plant_sim.world.fault_parts import outages
@@ -102,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _drive(
     args: argparse.Namespace, world: World, link: Link, stop: process.Stop
-) -> Outcome | None:
+) -> PlantOutcome | None:
     """Drive in step with the clock once an ECU is heard; None if stopped before."""
     firmware = firmware_of(profile_of(choices_of(args)))
     if args.wait > 0:
@@ -123,11 +123,11 @@ def _drive(
 
 def _drive_granting(
     args: argparse.Namespace, world: World, link: Link, stop: process.Stop
-) -> Outcome | None:
+) -> PlantOutcome | None:
     """Drive in lock step with the ECU that answers; None if stopped before."""
     firmware = firmware_of(profile_of(choices_of(args)))
     idents = plant_loop.sent_by(firmware)
-    channel = lockstep.Channel(
+    channel = lockstep.GrantChannel(
         link,
         sends=lockstep.GRANT,
         hears=lockstep.ACKNOWLEDGEMENT,
@@ -157,12 +157,12 @@ def _check_stopped(args: argparse.Namespace, stop: process.Stop) -> None:
         raise CanrollError(f"no ECU found within {args.wait:g} s: start 'canroll ecu'")
 
 
-def _memory_of(world: World) -> lasting.Memory:
+def _memory_of(world: World) -> lasting.LastingCounts:
     """Return what the vehicle's nodes remember: the start that runs, and that of the ECU."""
-    return lasting.Memory(max(world.starts, 1), {ECU: world.ecu_starts})
+    return lasting.LastingCounts(max(world.starts, 1), {ECU: world.ecu_starts})
 
 
-def world_of(args: argparse.Namespace, memory: lasting.Memory = lasting.FIRST) -> World:
+def world_of(args: argparse.Namespace, memory: lasting.LastingCounts = lasting.FIRST) -> World:
     """Return the world that the options describe, at time 0, after the starts in ``memory``.
 
     Raises:

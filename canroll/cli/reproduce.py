@@ -8,7 +8,7 @@ from canroll.cli.cases import driven
 from canroll.cli.options import folder_of
 from canroll.papers import reproduce
 from canroll.papers.reproduction_page import reproduction_page
-from canroll.report.page import Table
+from canroll.report.page import PageTable
 from canroll.report.run_folder import write_page
 from canroll.report.staging import page_folder
 
@@ -28,6 +28,6 @@ def run(args: argparse.Namespace) -> int:
         return 0
     head = ("", *found[0].counts)
     rows = [[part.paper.name, *map(str, part.counts.values())] for part in found]
-    terminal.show_table(Table("", head, rows))
+    terminal.show_table(PageTable("", head, rows))
     terminal.show_files(data.get("files", {}))
     return 0

@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
 from canroll.report.console import Console
-from canroll.report.page import Cell, Table
+from canroll.report.page import Cell, PageTable
 from canroll.report.tables import (
     authentication_note,
     can_rows,
@@ -142,7 +142,7 @@ def show_verdict(text: str, *, good: bool | None) -> None:
     Console(highlight=False).print(Text(text, style=style), soft_wrap=True)
 
 
-def show_table(table: Table) -> None:
+def show_table(table: PageTable) -> None:
     """Print a table of a report page."""
     console = Console(highlight=False)
     console.print(_table(console, table.head, table.rows))

@@ -15,7 +15,7 @@ from canroll.runs import experiment
 from canroll.runs.experiment import plan
 from canroll.runs.result import Settings
 from canroll.runs.traffic import record_traffic
-from canroll.setup.controller import Controller
+from canroll.setup.controller import PreparedController
 from codegen.run import cortex, qemu, secured, unicorn
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.cortex import Run
@@ -176,7 +176,7 @@ def show_rows(rows: Mapping[str, object]) -> None:
         print(f"{name:<{width}}  {value}")
 
 
-def recorded(args: argparse.Namespace) -> tuple[Settings, Controller, Traffic]:
+def recorded(args: argparse.Namespace) -> tuple[Settings, PreparedController, Traffic]:
     """Drive the manoeuvre in virtual time; return what was run and what the ECU received."""
     settings, controller = plan(args.scenario, **choices_of(args))
     return settings, controller, record_traffic(settings, controller, args.duration)

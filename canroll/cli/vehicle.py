@@ -12,11 +12,11 @@ import tomli_w
 import vehicles
 from canroll.cli.terminal import show_table
 from canroll.errors import CanrollError, reason
-from canroll.report.page import Table
+from canroll.report.page import PageTable
 from vehicles import Vehicle
 from vehicles.classes import CLASSES, class_named
 from vehicles.estimate import SIZES, estimated
-from vehicles.review import Quantity, beside_class, handling
+from vehicles.review import ReviewedQuantity, beside_class, handling
 
 
 def run(args: argparse.Namespace) -> int:
@@ -95,8 +95,8 @@ def _show(vehicle: Vehicle, kind: str | None, *, as_json: bool) -> None:
     show_table(_table("usual", ratios))
 
 
-def _table(ranges: str, quantities: Iterable[Quantity]) -> Table:
-    return Table(
+def _table(ranges: str, quantities: Iterable[ReviewedQuantity]) -> PageTable:
+    return PageTable(
         title="",
         head=("", "value", "", ranges, ""),
         rows=[

@@ -14,13 +14,13 @@ from canroll.cli import terminal
 from canroll.cli.cases import driven
 from canroll.cli.options import choices_of
 from canroll.errors import CanrollError
-from canroll.report.page import Table
+from canroll.report.page import PageTable
 from canroll.report.run_folder import write_page
 from canroll.report.staging import page_folder
 from canroll.runs import experiment
 from canroll.runs.result import Settings
 from canroll.setup.choices import PASSIVE, chosen
-from canroll.setup.controller import Controller
+from canroll.setup.controller import PreparedController
 from canroll.studies import severe as severe_manoeuvres
 from canroll.studies.linear_response import linear_response, to_json
 from canroll.studies.linear_response_view import draw, lines
@@ -153,7 +153,7 @@ JUDGED = ("double_lane_change", "fishhook", "j_turn", "moose", "sine_with_dwell"
 
 def find(
     settings: Settings,
-    controller: Controller,
+    controller: PreparedController,
     *,
     enabled: bool,
     low: float,
@@ -216,7 +216,7 @@ def limit(args: argparse.Namespace) -> int:
 
 
 def _reason(
-    settings: Settings, controller: Controller, found: SpeedLimit | None, name: str
+    settings: Settings, controller: PreparedController, found: SpeedLimit | None, name: str
 ) -> Limited | None:
     """Return what limited the slowest failed run; None if none failed."""
     if found is None or found.failed is None:
@@ -276,7 +276,7 @@ def severe(args: argparse.Namespace) -> int:
             for title, name, *figures in severe_manoeuvres.lines(found):
                 rows += [("",), (title,)] if title else []
                 rows.append((name, *figures))
-            terminal.show_table(Table("", ("", *severe_manoeuvres.HEAD[2:]), rows))
+            terminal.show_table(PageTable("", ("", *severe_manoeuvres.HEAD[2:]), rows))
         else:
             print("\n".join(severe_manoeuvres.markdown(found)))
     return 0

@@ -9,7 +9,7 @@ from canroll.identification.drive_log import QUANTITIES
 from canroll.identification.fit import Fit, Number
 from canroll.identification.unknowns import delay_key, offset_key
 from canroll.report.figure import DASHED, Figure, Series
-from canroll.report.page import Cell, Page, Table, Verdict, render
+from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
 
 SHOWN = {"rad": ("°", np.degrees(1.0)), "rad/s": ("°/s", np.degrees(1.0)), "s": ("ms", 1e3)}
 """Units of sensors as people read them, and their factors."""
@@ -71,10 +71,10 @@ def _with_spread(value: float, deviation: float) -> str:
 HEAD = ("number", "fitted", "before", "unit", "")
 
 
-def fitted_table(fit: Fit) -> Table:
+def fitted_table(fit: Fit) -> PageTable:
     """Return the numbers of the vehicle that the log tells, alone or with others."""
     numbers = [n for n in fit.numbers if not n.unknown.of_log and n.state != "kept"]
-    return Table(
+    return PageTable(
         "Vehicle",
         HEAD,
         [_row(number) for number in numbers],
@@ -113,7 +113,7 @@ def measurement_line(fit: Fit) -> str:
     )
 
 
-def _agreement_table(title: str, agreements: tuple[Agreement, ...]) -> Table:
+def _agreement_table(title: str, agreements: tuple[Agreement, ...]) -> PageTable:
     rows = []
     for one in agreements:
         unit, factor = SHOWN.get(QUANTITIES[one.name].unit, (QUANTITIES[one.name].unit, 1.0))
@@ -128,7 +128,7 @@ def _agreement_table(title: str, agreements: tuple[Agreement, ...]) -> Table:
             )
         )
     head = ("signal", "variance explained (%)", "RMS left", "", "what is left", "and the steering")
-    return Table(title, head, rows)
+    return PageTable(title, head, rows)
 
 
 def _figures(fit: Fit) -> list[Figure]:
@@ -157,18 +157,18 @@ def fit_page(fit: Fit) -> str:
         fitted_table(fit),
         _agreement_table("Agreement", fit.agreements),
         *([_agreement_table("Predicted, not fitted", fit.predictions)] if fit.predictions else []),
-        Table("Measurement", HEAD, [_row(n) for n in measurement]),
+        PageTable("Measurement", HEAD, [_row(n) for n in measurement]),
     ]
     if kept:
-        tables.append(Table("Not told by the log", HEAD, [_row(n) for n in kept]))
+        tables.append(PageTable("Not told by the log", HEAD, [_row(n) for n in kept]))
     if fit.pairs:
         rows = [(a, b, Cell(f"{c:.3f}".replace("-", "−"), c)) for a, b, c in fit.pairs]
-        tables.append(Table("Told only together", ("number", "and", "correlation"), rows))
+        tables.append(PageTable("Told only together", ("number", "and", "correlation"), rows))
     return render(
         Page(
             title="Fitted vehicle",
             subtitle=f"{fit.start.title}, {fit.log}",
-            verdict=Verdict(None, "Fitted", "; ".join((summary(fit), *explained_lines(fit)))),
+            verdict=PageVerdict(None, "Fitted", "; ".join((summary(fit), *explained_lines(fit)))),
             warnings=fit.remarks,
             tables=tables,
             figures=_figures(fit),

@@ -6,10 +6,10 @@ from typing import Any
 
 from canroll.errors import UnknownNameError
 from canroll.network import COMMANDS, SENSOR
-from canroll.network.answer import Delay, Loop, Row, Segment, Times
+from canroll.network.answer import LoopNames, MessageRow, PathDelay, SegmentAnswer, Times
 from plant_sim.can_bus.bounds.analysis import ErrorModel, ResponseBound
 from plant_sim.can_bus.bounds.delay_bounds import loop_delay
-from plant_sim.can_bus.bounds.holistic import Arrival, arrivals
+from plant_sim.can_bus.bounds.holistic import HolisticArrival, arrivals
 from plant_sim.can_bus.network.routing import RoutedNetwork
 from plant_sim.can_bus.simulation.ages import simulate_ages_of_network
 from plant_sim.can_bus.simulation.response_times import NetworkSimulation, simulate_network
@@ -23,7 +23,7 @@ _ACTUATOR = "Actuator"
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class AnalysisOptions:
     """What is computed for any network.
 
     ``command`` None: the first of ``COMMANDS`` that is present. ``errors``: included in the bounds.
@@ -39,9 +39,9 @@ class Options:
     seed: int
     worst_case_lengths: bool
 
-    def loop(self, messages: Sequence[BusMessage]) -> Loop:
+    def loop(self, messages: Sequence[BusMessage]) -> LoopNames:
         """Return the loop, its command chosen among ``messages``."""
-        return Loop(self.sensor, self.command or command_among(messages), self.tick_ms)
+        return LoopNames(self.sensor, self.command or command_among(messages), self.tick_ms)
 
     def check_names(self, messages: Sequence[BusMessage]) -> None:
         """Reject a sensor or command that is given and not among ``messages``.
@@ -66,7 +66,7 @@ class Options:
         return simulate_network(network, recording=recording, **self._simulation)
 
     def simulate_ages(
-        self, network: RoutedNetwork, loop: Loop, recording: Recording | None = None
+        self, network: RoutedNetwork, loop: LoopNames, recording: Recording | None = None
     ) -> Times:
         """Simulate the age of a sample when its force acts."""
         if self.duration_s <= 0.0:
@@ -95,11 +95,11 @@ def command_among(messages: Sequence[BusMessage]) -> str:
 
 def segments_of(
     network: RoutedNetwork,
-    options: Options,
+    options: AnalysisOptions,
     *,
     recording: Recording | None = None,
     offsets: bool = False,
-) -> tuple[Segment, ...]:
+) -> tuple[SegmentAnswer, ...]:
     """Return the response times of all messages on every segment.
 
     Args:
@@ -113,7 +113,7 @@ def segments_of(
         bounds = [{s: _without_bound(there) for s, there in places.items()} for places in bounds]
     simulation = options.simulate(network, recording)
     places = network.topology.segments
-    rows: list[list[Row]] = [[] for _ in places]
+    rows: list[list[MessageRow]] = [[] for _ in places]
     for number, r in enumerate(network.messages):
         for segment, arrival in bounds[number].items():
             here = end_to_end = Times()
@@ -121,9 +121,11 @@ def segments_of(
                 here, end_to_end = map(Times.of, simulation.arrivals[number][segment])
             way = (r.home, *(hop.target for hop in r.way_to(segment)))
             names = tuple(places[passed].name for passed in way)
-            rows[segment].append(Row(arrival.here, here, names, arrival.greatest_ns, end_to_end))
+            rows[segment].append(
+                MessageRow(arrival.here, here, names, arrival.greatest_ns, end_to_end)
+            )
     return tuple(
-        Segment(
+        SegmentAnswer(
             place.name,
             place.bitrate,
             place.data_bitrate,
@@ -135,7 +137,7 @@ def segments_of(
     )
 
 
-def _without_bound(arrival: Arrival) -> Arrival:
+def _without_bound(arrival: HolisticArrival) -> HolisticArrival:
     """Return an arrival on a bus with recorded frames; reasons of its set remain."""
     if arrival.here.bound_ns is None:
         return arrival
@@ -144,8 +146,11 @@ def _without_bound(arrival: Arrival) -> Arrival:
 
 
 def delay_over(
-    network: RoutedNetwork, loop: Loop, options: Options, recording: Recording | None = None
-) -> Delay | None:
+    network: RoutedNetwork,
+    loop: LoopNames,
+    options: AnalysisOptions,
+    recording: Recording | None = None,
+) -> PathDelay | None:
     """Return the delay over a loop, its command sent in every tick; None: a message is missing.
 
     ``recording``: replayed on the first segment; there are no bounds beside it.
@@ -156,5 +161,5 @@ def delay_over(
     bounds = loop_delay(network, loop.sensor, loop.command, errors=options.errors)
     age = options.simulate_ages(network, loop, recording)
     if isinstance(bounds, ResponseBound):
-        return Delay(None, age, f"{bounds.message.name}: {bounds.reason}", bounds.covered)
-    return Delay(bounds, age) if recording is None else Delay(None, age, BESIDE_RECORDING)
+        return PathDelay(None, age, f"{bounds.message.name}: {bounds.reason}", bounds.covered)
+    return PathDelay(bounds, age) if recording is None else PathDelay(None, age, BESIDE_RECORDING)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import VerdictError
-from canroll.network.margins import Margins
+from canroll.network.margins import BusMargins
 from plant_sim.can_bus.bounds.analysis import ResponseBound, worst_case_utilisation
 from plant_sim.can_bus.bounds.delay_bounds import DelayBounds
 from plant_sim.can_bus.traffic.inference import InferredMessage
@@ -40,7 +40,7 @@ class Times(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class MessageRow:
     """Response times of one message on one segment, nanoseconds.
 
     ``bound`` and ``response`` (simulated): on this segment; ``arrival_ns`` and ``arrival``: from
@@ -88,7 +88,7 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True)
-class Segment:
+class SegmentAnswer:
     """One bus: its bit rates in bit/s, and its messages, the most urgent first.
 
     ``load``: simulated, 0 to 1, None if not simulated, in ``frames`` delivered frames.
@@ -97,7 +97,7 @@ class Segment:
     name: str
     bitrate: int
     data_bitrate: int
-    rows: Sequence[Row]
+    rows: Sequence[MessageRow]
     load: float | None
     frames: int
 
@@ -117,14 +117,14 @@ class Segment:
         data = f" and {self.data_bitrate / 1000:g}" if self.data_bitrate else ""
         return f"{self.bitrate / 1000:g}{data}"
 
-    def _utilisation(self, rows: Sequence[Row]) -> float:
+    def _utilisation(self, rows: Sequence[MessageRow]) -> float:
         messages = [row.message for row in rows]
         return worst_case_utilisation(
             messages, bitrate=self.bitrate, data_bitrate=self.data_bitrate
         )
 
 
-class Loop(NamedTuple):
+class LoopNames(NamedTuple):
     """Names of a control loop's messages, and its tick in ms."""
 
     sensor: str
@@ -133,7 +133,7 @@ class Loop(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Delay:
+class PathDelay:
     """Bounds of the total delay, and the simulated ages, ns.
 
     Without bounds ``reason`` gives the cause; ``failed``: the network has none, not only this
@@ -155,17 +155,17 @@ class Answer:
     """
 
     name: str
-    segments: tuple[Segment, ...]
-    loop: Loop
-    delay: Delay | None
+    segments: tuple[SegmentAnswer, ...]
+    loop: LoopNames
+    delay: PathDelay | None
     head: str = ""
     added: str = ""
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)
-    margins: Margins = field(default_factory=Margins)
+    margins: BusMargins = field(default_factory=BusMargins)
 
-    def rows(self) -> Iterator[tuple[str, Row]]:
+    def rows(self) -> Iterator[tuple[str, MessageRow]]:
         """Yield every row with a name for its message and, if there are several, the segment."""
         several = len(self.segments) > 1
         for segment in self.segments:

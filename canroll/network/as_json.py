@@ -5,11 +5,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
-from canroll.network.answer import MS, Answer, Delay, Row, Segment, Times
-from canroll.network.margins import Margins
+from canroll.network.answer import MS, Answer, MessageRow, PathDelay, SegmentAnswer, Times
+from canroll.network.margins import BusMargins
 from plant_sim.can_bus.traffic.inference import InferredMessage
 
-Keys = Mapping[str, Callable[[Row], Any]]
+Keys = Mapping[str, Callable[[MessageRow], Any]]
 
 
 def milliseconds(value: float | None) -> float | None:
@@ -17,7 +17,7 @@ def milliseconds(value: float | None) -> float | None:
     return None if value is None or math.isnan(value) else round(value * MS, 6)
 
 
-def _simulated(what: str, times: Callable[[Row], Times]) -> Keys:
+def _simulated(what: str, times: Callable[[MessageRow], Times]) -> Keys:
     """Return the keys of simulated times."""
     return {
         f"{what}_min_ms": lambda row: milliseconds(times(row).least),
@@ -61,7 +61,7 @@ TAU = ("tau_min_ms", "tau_max_ms", "age_bound_ms")
 """Keys of the bounds of a delay."""
 
 
-def _values(row: Row, keys: Keys) -> dict[str, Any]:
+def _values(row: MessageRow, keys: Keys) -> dict[str, Any]:
     return {key: value(row) for key, value in keys.items()}
 
 
@@ -86,7 +86,7 @@ def network_json(answer: Answer) -> dict[str, Any]:
     }
 
 
-def _segment(segment: Segment) -> dict[str, Any]:
+def _segment(segment: SegmentAnswer) -> dict[str, Any]:
     unused = {*SIMULATED_RESPONSE, *SIMULATED_ARRIVAL} if segment.load is None else ()
     keys = {key: value for key, value in ON_SEGMENT.items() if key not in unused}
     return {
@@ -98,7 +98,7 @@ def _segment(segment: Segment) -> dict[str, Any]:
     }
 
 
-def _load(segment: Segment) -> dict[str, float]:
+def _load(segment: SegmentAnswer) -> dict[str, float]:
     return {} if segment.load is None else {"simulated_load": segment.load}
 
 
@@ -140,7 +140,7 @@ def _evidence(recorded: InferredMessage | None) -> dict[str, Any]:
     }
 
 
-def _delay(delay: Delay) -> dict[str, float | None]:
+def _delay(delay: PathDelay) -> dict[str, float | None]:
     bounds = delay.bounds
     seconds = (None,) * 3 if bounds is None else (bounds.tau_min, bounds.tau_max, bounds.age_max)
     return {
@@ -150,7 +150,7 @@ def _delay(delay: Delay) -> dict[str, float | None]:
     }
 
 
-def _margins(margins: Margins) -> dict[str, Any]:
+def _margins(margins: BusMargins) -> dict[str, Any]:
     """Return the keys of the requested margins."""
     result: dict[str, Any] = {}
     if margins.breakdown is not None:

@@ -19,7 +19,7 @@ from plant_sim.can_bus.traffic.messages import BusMessage
 
 
 @dataclass(frozen=True, slots=True)
-class Margins:
+class BusMargins:
     """Requested results besides the bounds, None where not requested.
 
     ``tolerance``: at ``errors_per_s``. Of a proposal ``kind``, the bounds ``before`` and ``after``
@@ -41,7 +41,7 @@ class Margins:
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class MarginsRequest:
     """What is computed for a traffic set alone.
 
     ``offsets``: the messages of one node keep their offsets in the bounds. ``sensitivity``: the
@@ -55,7 +55,7 @@ class Request:
     propose: str | None
 
 
-def margins_of(traffic: Traffic, request: Request) -> Margins:
+def margins_of(traffic: Traffic, request: MarginsRequest) -> BusMargins:
     """Return the requested margins of a set."""
     rates: dict[str, Any] = {"bitrate": traffic.bitrate, "data_bitrate": traffic.data_bitrate}
     messages = traffic.messages
@@ -80,7 +80,7 @@ def margins_of(traffic: Traffic, request: Request) -> Margins:
         refused = str(error)
     if after:
         before = bounds(messages, None)
-    return Margins(
+    return BusMargins(
         breakdown(messages, bounds, **rates) if request.sensitivity else None,
         errors_per_s,
         ()

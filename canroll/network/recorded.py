@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from canroll.network import COMMANDS
-from canroll.network.analysis import Options, delay_over
-from canroll.network.answer import Answer, Loop, Row, Segment, Times
+from canroll.network.analysis import AnalysisOptions, delay_over
+from canroll.network.answer import Answer, LoopNames, MessageRow, SegmentAnswer, Times
 from canroll.network.as_json import log_json
 from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.bounds.recorded_load import effects
@@ -40,7 +40,7 @@ class Added:
         """Return the messages with one command, as ours include one at a time."""
         return own_messages(command, self.profile) if self.given is None else self.given
 
-    def loop(self, options: Options, bus: InferredBus | None = None) -> Loop:
+    def loop(self, options: AnalysisOptions, bus: InferredBus | None = None) -> LoopNames:
         """Return the loop over them, with our command that ``bus`` already has if it has one."""
         if self.given is not None:
             return options.loop(self.given)
@@ -54,7 +54,7 @@ class Added:
 
 
 @dataclass(frozen=True, slots=True)
-class Log:
+class ExtendedLog:
     """A bus log, on every channel of which messages are added.
 
     ``channel`` None: all; ``bitrate``, ``data_bitrate`` None: inferred; ``section``: of a log whose
@@ -68,7 +68,7 @@ class Log:
     data_bitrate: int | None = None
     section: int | None = None
 
-    def analyse(self, options: Options, progress: Progress) -> list[Answer]:
+    def analyse(self, options: AnalysisOptions, progress: Progress) -> list[Answer]:
         """Return the result of every channel."""
         options.check_names(self.added.messages(self.added.loop(options).command))
         rates: dict[str, Any] = {
@@ -87,7 +87,7 @@ class Log:
         """Return the JSON object of the results, by channel."""
         return {"channels": {a.segments[0].name: log_json(a) for a in answers}}
 
-    def _answer(self, bus: InferredBus, options: Options) -> Answer:
+    def _answer(self, bus: InferredBus, options: AnalysisOptions) -> Answer:
         loop = self.added.loop(options, bus)
         messages = self.added.messages(loop.command)
         rates = {"bitrate": bus.rate.nominal, "data_bitrate": bus.rate.data}
@@ -99,7 +99,7 @@ class Log:
             added = added.in_every_tick(loop.command, tick_ms=loop.tick_ms)
         simulation = options.simulate(added, bus.recording)
         rows = _rows(bus, added, simulation, options)
-        segment = Segment(
+        segment = SegmentAnswer(
             bus.channel,
             **rates,
             rows=rows,
@@ -123,8 +123,8 @@ def _rows(
     bus: InferredBus,
     added: RoutedNetwork,
     simulation: NetworkSimulation | None,
-    options: Options,
-) -> list[Row]:
+    options: AnalysisOptions,
+) -> list[MessageRow]:
     """Return the recorded and the added messages in the order of arbitration."""
     simulated: dict[str, Times] = {}
     if simulation is not None:
@@ -134,7 +134,7 @@ def _rows(
     rows = []
     for effect in effects(bus, messages, errors=options.errors):
         times = Times() if effect.seen else simulated.get(effect.message.name, Times())
-        row = Row(effect.after, times, (bus.channel,), effect.after.bound_ns, times)
+        row = MessageRow(effect.after, times, (bus.channel,), effect.after.bound_ns, times)
         rows.append(
             replace(row, evidence=effect.seen, before=effect.before, assumes=effect.assumes)
         )
@@ -160,7 +160,7 @@ def _facts(bus: InferredBus) -> dict[str, Any]:
     }
 
 
-def _head(name: str, segment: Segment, bus: InferredBus) -> str:
+def _head(name: str, segment: SegmentAnswer, bus: InferredBus) -> str:
     """Return the line on frames and bit rate of the channel."""
     rate = bus.rate
     source = f"inferred from {rate.pairs} frames without a pause" if rate.pairs else "as given"
@@ -178,7 +178,7 @@ def _head(name: str, segment: Segment, bus: InferredBus) -> str:
     return line
 
 
-def _notes(bus: InferredBus, rows: Sequence[Row]) -> list[str]:
+def _notes(bus: InferredBus, rows: Sequence[MessageRow]) -> list[str]:
     """Return the lines on what is not periodic, and on errors."""
     lines = []
     for kind in (MIXED, EVENT):

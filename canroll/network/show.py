@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from rich import box
 from rich.table import Table
 
-from canroll.network.answer import MS, Answer, Delay, Loop, Row, Segment
-from canroll.network.margins import Margins
+from canroll.network.answer import MS, Answer, LoopNames, MessageRow, PathDelay, SegmentAnswer
+from canroll.network.margins import BusMargins
 from plant_sim.can_bus.bounds.analysis import ResponseBound
 from plant_sim.can_bus.bounds.sensitivity import Breakdown
 from plant_sim.can_bus.traffic.arrivals import MIXED
@@ -15,7 +15,7 @@ from plant_sim.can_bus.traffic.arrivals import MIXED
 _MOST_MISSES = 5
 """Number of the most probable misses that are printed; --json has all."""
 
-Column = tuple[str, Callable[[Row], str]]
+Column = tuple[str, Callable[[MessageRow], str]]
 
 
 def _time(value: float | None, nothing: str = "–") -> str:
@@ -23,7 +23,7 @@ def _time(value: float | None, nothing: str = "–") -> str:
     return nothing if value is None or math.isnan(value) else f"{value * MS:.3f}"
 
 
-def _limit(row: Row, bound: ResponseBound | None) -> str:
+def _limit(row: MessageRow, bound: ResponseBound | None) -> str:
     """Return a bound in ms, with a star if it depends on the frequency of recorded events."""
     if bound is None:
         return ""
@@ -31,7 +31,7 @@ def _limit(row: Row, bound: ResponseBound | None) -> str:
     return "none" if limit is None else _time(limit) + ("*" if row.assumes else "")
 
 
-def _period(row: Row) -> str:
+def _period(row: MessageRow) -> str:
     if row.evidence is None or not row.evidence.assumed:
         return f"{row.message.period_ns * MS:.5g}"
     arrivals = row.evidence.arrivals
@@ -42,25 +42,25 @@ def _period(row: Row) -> str:
     )
 
 
-def _jitter(row: Row) -> str:
+def _jitter(row: MessageRow) -> str:
     on_events = row.evidence is not None and row.evidence.assumed
     return "–" if on_events else f"{row.message.jitter_ns * MS:.3f}"
 
 
-def _recorded_name(row: Row) -> str:
+def _recorded_name(row: MessageRow) -> str:
     return f"{row.message.ident:X}" + ("" if row.evidence else f" {row.message.name}")
 
 
-def _lengths(row: Row) -> str:
+def _lengths(row: MessageRow) -> str:
     lengths = row.evidence.lengths if row.evidence else (row.message.length,)
     return "/".join(map(str, lengths)) if len(lengths) < 3 else f"≤ {row.message.length}"
 
 
-def _frames(row: Row) -> str:
+def _frames(row: MessageRow) -> str:
     return f"{row.evidence.arrivals.frames}" if row.evidence else ""
 
 
-def _confidence(row: Row) -> str:
+def _confidence(row: MessageRow) -> str:
     if row.evidence is None:
         return ""
     return "–" if row.evidence.assumed else f"{row.evidence.arrivals.confidence:.0%}"
@@ -128,7 +128,7 @@ def parts(answer: Answer) -> Iterator[Table | str]:
     yield from _margins(answer.margins)
 
 
-def _table(title: str, columns: Sequence[Column], rows: Sequence[Row]) -> Table:
+def _table(title: str, columns: Sequence[Column], rows: Sequence[MessageRow]) -> Table:
     table = _empty(title, [heading for heading, _ in columns])
     for row in rows:
         added = row.evidence is None and any(other.evidence for other in rows)
@@ -147,7 +147,7 @@ def _empty(title: str, headings: Sequence[str]) -> Table:
     return table
 
 
-def _segment_table(answer: Answer, segment: Segment) -> Table:
+def _segment_table(answer: Answer, segment: SegmentAnswer) -> Table:
     if answer.added:
         title = f"times in ms; after: the bound with {answer.added}"
         return _table(title, RECORDED, segment.rows)
@@ -156,7 +156,7 @@ def _segment_table(answer: Answer, segment: Segment) -> Table:
     return _table(title, ON_SEGMENT, segment.rows)
 
 
-def _load_line(answer: Answer, segment: Segment) -> str:
+def _load_line(answer: Answer, segment: SegmentAnswer) -> str:
     line = f"load with the longest frames {segment.utilisation:.1%}"
     if answer.added:
         line = (
@@ -181,7 +181,7 @@ def _without_bound(answer: Answer) -> Iterator[str]:
         yield f"without a bound, {reason}: {which}"
 
 
-def _delay_line(delay: Delay, loop: Loop) -> str:
+def _delay_line(delay: PathDelay, loop: LoopNames) -> str:
     """Return the line on the total delay from sensor to command."""
     line = f"{loop.sensor} to {loop.command} at a tick of {loop.tick_ms:g} ms: "
     seen = (
@@ -200,7 +200,7 @@ def _delay_line(delay: Delay, loop: Loop) -> str:
     return f"{line}, {seen}" if seen else line
 
 
-def _margins(margins: Margins) -> Iterator[Table | str]:
+def _margins(margins: BusMargins) -> Iterator[Table | str]:
     if margins.breakdown is not None:
         yield _rate_line(margins.breakdown)
     if margins.errors_per_s is not None:
@@ -232,7 +232,7 @@ def _rate_line(margin: Breakdown) -> str:
     return f"{line} before a deadline is missed: {names}" if names else line
 
 
-def _proposal_table(margins: Margins) -> Table:
+def _proposal_table(margins: BusMargins) -> Table:
     headings = ("message", "id", "offset, ms", "deadline, ms", "bound, ms", "was, ms")
     table = _empty(f"proposed {margins.kind}", headings)
     for old, new in sorted(margins.proposed, key=lambda pair: pair[1].message.arbitration_key):

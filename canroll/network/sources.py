@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from canroll.network.analysis import Options, delay_over, segments_of
+from canroll.network.analysis import AnalysisOptions, delay_over, segments_of
 from canroll.network.answer import Answer
 from canroll.network.as_json import network_json, set_json
-from canroll.network.margins import Request, margins_of
+from canroll.network.margins import MarginsRequest, margins_of
 from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.bounds.delay_bounds import loop_network
 from plant_sim.can_bus.network.own_frames import messages_of, own_messages
@@ -20,7 +20,7 @@ from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED
 
 
 @dataclass(frozen=True, slots=True)
-class Replay:
+class BusReplay:
     """A log that is replayed with a traffic set: its file, and channel and section of it."""
 
     path: Path
@@ -56,10 +56,10 @@ class TrafficSet:
 
     name: str
     traffic: Traffic
-    request: Request
-    replay: Replay | None = None
+    request: MarginsRequest
+    replay: BusReplay | None = None
 
-    def analyse(self, options: Options, progress: Progress) -> list[Answer]:
+    def analyse(self, options: AnalysisOptions, progress: Progress) -> list[Answer]:
         """Return the result of the set."""
         traffic = self.traffic
         options.check_names(traffic.messages)
@@ -123,7 +123,7 @@ class BusNetwork:
     name: str
     profile: BusProfile
 
-    def analyse(self, options: Options, progress: Progress) -> list[Answer]:
+    def analyse(self, options: AnalysisOptions, progress: Progress) -> list[Answer]:
         """Return the result of the network, with the command in every tick."""
         loop = options.loop(messages_of(self.profile))
         options.check_names(own_messages(loop.command, self.profile))

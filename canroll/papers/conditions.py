@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from canroll.papers.paper_runs import lateral_error, roll_error_deg
-from canroll.papers.paper_table import Row, Section, Step, Value, digits, finite
-from canroll.papers.roll_loop import Loop, motion
+from canroll.papers.paper_table import PaperRow, PaperSection, PaperStep, Value, digits, finite
+from canroll.papers.roll_loop import RollLoop, motion
 from canroll.runs.result import Result
 from canroll.typing import Vector
 from vehicles import RollModel
@@ -37,7 +37,7 @@ class Chain:
 
     def columns(self, quantity: str) -> dict[str, Any]:
         """Return the fields of a row that come from the runs."""
-        steps = [Step(name, figures(quantity)) for name, figures in self.switched]
+        steps = [PaperStep(name, figures(quantity)) for name, figures in self.switched]
         return {
             "recomputed": self.paper(quantity),
             "ours": steps[-1].value,
@@ -66,7 +66,9 @@ def of_result(result: Result, *, passive: bool = False) -> Figures:
     return figure
 
 
-def of_loop(loop: Loop, lateral: Vector, transfer: Mapping[str, float] | None = None) -> Figures:
+def of_loop(
+    loop: RollLoop, lateral: Vector, transfer: Mapping[str, float] | None = None
+) -> Figures:
     """Return the figures of a loop around the roll model.
 
     ``transfer``: normalised load transfer by axle per degree of roll.
@@ -83,10 +85,12 @@ def of_loop(loop: Loop, lateral: Vector, transfer: Mapping[str, float] | None = 
 
 def fitted_scale(model: RollModel, lateral: Vector, roll_max_deg: float) -> float:
     """Return the factor on the roll moment m h a_y that gives ``roll_max_deg`` without control."""
-    return roll_max_deg / motion(Loop(model), lateral).figure("roll_max")
+    return roll_max_deg / motion(RollLoop(model), lateral).figure("roll_max")
 
 
-def waterfall(rows: Sequence[Row], places: Sequence[tuple[str, str, str]], note: str) -> Section:
+def waterfall(
+    rows: Sequence[PaperRow], places: Sequence[tuple[str, str, str]], note: str
+) -> PaperSection:
     """Return the chain of some rows: a line a row, a column a switch.
 
     Args:
@@ -107,7 +111,7 @@ def waterfall(rows: Sequence[Row], places: Sequence[tuple[str, str, str]], note:
         }
         line |= {step.switched: finite(step.value) for step in row.attribution[:-1]}
         lines.append(line | {"ours": row.ours})
-    return Section("waterfall", "From the paper's conditions to ours", columns, lines, note)
+    return PaperSection("waterfall", "From the paper's conditions to ours", columns, lines, note)
 
 
 def erratum(claim: str, formula: str, found: str) -> dict[str, Value]:
@@ -115,18 +119,18 @@ def erratum(claim: str, formula: str, found: str) -> dict[str, Value]:
     return {"claim": claim, "formula": formula, "found": found}
 
 
-def errata(lines: Sequence[Mapping[str, Value]]) -> Section:
+def errata(lines: Sequence[Mapping[str, Value]]) -> PaperSection:
     """Return the errors in print, numbered E1, E2, …: reasons of rows name them."""
     rows = [{"number": f"E{place}", **line} for place, line in enumerate(lines, 1)]
     columns = {"number": "", "claim": "printed", "formula": "check", "found": "result"}
-    return Section("errata", "Errors in print", columns, rows)
+    return PaperSection("errata", "Errors in print", columns, rows)
 
 
-def unknowns(lines: Sequence[tuple[str, str]]) -> Section:
+def unknowns(lines: Sequence[tuple[str, str]]) -> PaperSection:
     """Return what the paper does not print, and what stands for it under its conditions."""
     rows = [{"unknown": unknown, "taken": taken} for unknown, taken in lines]
     columns = {"unknown": "not printed", "taken": "taken here"}
-    return Section("unknowns", "Conditions that the paper does not print", columns, rows)
+    return PaperSection("unknowns", "Conditions that the paper does not print", columns, rows)
 
 
 def number(value: float, count: int = 3) -> str:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from canroll.papers.paper_table import Section, Value, digits, finite, printed
+from canroll.papers.paper_table import PaperSection, Value, digits, finite, printed
 from canroll.runs.experiment import plan
 from canroll.runs.result import Result
 from canroll.typing import Vector
@@ -24,7 +24,7 @@ def fast_share(values: Vector, step: float, *, above: float = FAST) -> float:
     return float(np.sum(power[fast])) / total if total else 0.0
 
 
-def chatter(results: Mapping[str, Result]) -> Section:
+def chatter(results: Mapping[str, Result]) -> PaperSection:
     """Return one row per run: share of fast command power, and the limit cycle if there is one."""
     rows: list[dict[str, Value]] = []
     for name, result in results.items():
@@ -39,7 +39,7 @@ def chatter(results: Mapping[str, Result]) -> Section:
                 "limit_cycle": str(result.limit_cycle) if result.limit_cycle else "none",
             }
         )
-    return Section(
+    return PaperSection(
         "chatter",
         "Does the command chatter?",
         {
@@ -64,7 +64,9 @@ NOTE = (
 )
 
 
-def design_numbers(paper: str, common: Mapping[str, Any], laws: Sequence[str], why: str) -> Section:
+def design_numbers(
+    paper: str, common: Mapping[str, Any], laws: Sequence[str], why: str
+) -> PaperSection:
     """Return one row per law: gain, level and largest delay, printed and recomputed.
 
     Args:
@@ -103,7 +105,7 @@ def design_numbers(paper: str, common: Mapping[str, Any], laws: Sequence[str], w
         "admitted_delay_ms_as_printed": "printed gain admits (ms)",
         "admitted_delay_ms_computed": "recomputed gain admits (ms)",
     }
-    return Section(
+    return PaperSection(
         "design", "The gains behind the tables", columns, rows, f"{NOTE} {why}", upright=True
     )
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from canroll.papers.paper_table import Row, Section
+from canroll.papers.paper_table import PaperRow, PaperSection
 from canroll.report.curves import dash as dashes
 from canroll.report.figure import DASHED, Figure, Series
 from canroll.runs.metrics import moment
@@ -42,22 +42,24 @@ class Recomputed:
         headlines: what its systems achieve.
     """
 
-    rows: Sequence[Row]
+    rows: Sequence[PaperRow]
     figures: Sequence[Figure]
-    proofs: Sequence[Section] = ()
-    sections: Sequence[Section] = ()
+    proofs: Sequence[PaperSection] = ()
+    sections: Sequence[PaperSection] = ()
     headlines: Sequence[Headline] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class PaperCase:
     """One run of a table: its row, and the keywords of :func:`canroll.run`."""
 
     row: str
     keywords: Mapping[str, Any]
 
 
-def drive(scenario: str, cases: Sequence[Case], common: Mapping[str, Any]) -> dict[str, Result]:
+def drive(
+    scenario: str, cases: Sequence[PaperCase], common: Mapping[str, Any]
+) -> dict[str, Result]:
     """Return the result of every case by its row; they share the run without control."""
     wanted = [(case.row, case.keywords) for case in cases]
     return {named.name: named.result for named in runs(scenario, wanted, common=common)}

@@ -8,7 +8,7 @@ from importlib.resources import files
 from math import isfinite
 from typing import Any
 
-from canroll.report.page import Cell, Table
+from canroll.report.page import Cell, PageTable
 
 REPRODUCED = "reproduced"
 SAME_ORDERING = "same ordering"
@@ -25,7 +25,7 @@ LEAST_SHARE = 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class PaperStep:
     """One step from the paper's conditions to ours: what was switched, and the number after it."""
 
     switched: str
@@ -33,7 +33,7 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class PaperRow:
     """One number of a table under both conditions.
 
     Attributes:
@@ -64,7 +64,7 @@ class Row:
     finding: str = ""
     fitted: bool = False
     reading: str = ""
-    attribution: Sequence[Step] = ()
+    attribution: Sequence[PaperStep] = ()
     verdict: str = ""
     verdict_ours: str = ""
 
@@ -74,15 +74,15 @@ class Row:
         return "" if self.verdict in (REPRODUCED, FITTED) else self.finding
 
     @property
-    def largest(self) -> Step | None:
+    def largest(self) -> PaperStep | None:
         """The step that changed most, with its change as value."""
         changes = self._changes()
         return max(changes, key=lambda step: abs(step.value), default=None)
 
-    def _changes(self) -> list[Step]:
+    def _changes(self) -> list[PaperStep]:
         before = (self.recomputed, *(step.value for step in self.attribution))
         return [
-            Step(step.switched, step.value - value)
+            PaperStep(step.switched, step.value - value)
             for step, value in zip(self.attribution, before, strict=False)
             if isfinite(step.value - value)
         ]
@@ -126,7 +126,7 @@ def printed(paper: str) -> dict[str, Any]:
     return tables
 
 
-def judged(rows: Sequence[Row]) -> list[Row]:
+def judged(rows: Sequence[PaperRow]) -> list[PaperRow]:
     """Return the rows with their verdicts under both conditions.
 
     Fitted: the number that the paper's unknown was fitted to. Reproduced: within :data:`TOLERANCE`
@@ -146,7 +146,7 @@ def judged(rows: Sequence[Row]) -> list[Row]:
     ]
 
 
-def _verdict(place: int, rows: Sequence[Row], values: Sequence[float]) -> str:
+def _verdict(place: int, rows: Sequence[PaperRow], values: Sequence[float]) -> str:
     row, value = rows[place], values[place]
     if not isfinite(value):
         return NOT_REPRODUCIBLE
@@ -173,7 +173,7 @@ Value = str | float | None
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class PaperSection:
     """Rows with the same columns.
 
     Attributes:
@@ -202,7 +202,7 @@ class Section:
             "note": self.note,
         }
 
-    def table(self, place: int) -> Table:
+    def table(self, place: int) -> PageTable:
         """Return the table of the page; ``place`` is that of the section in the JSON."""
         lines: list[Sequence[str | Cell]] = [tuple(self.columns.values())]
         lines += [
@@ -210,7 +210,7 @@ class Section:
             for number, row in enumerate(self.rows)
         ]
         head, *rows = zip(*lines, strict=True) if self.upright else lines
-        return Table(self.title, [_shown(name) for name in head], rows, self.note)
+        return PageTable(self.title, [_shown(name) for name in head], rows, self.note)
 
     def markdown(self) -> list[str]:
         """Return the section as lines of Markdown."""

@@ -20,9 +20,9 @@ from canroll.papers.conditions import (
     waterfall,
 )
 from canroll.papers.linear_roll import chatter, design_numbers
-from canroll.papers.paper_runs import Case, Headline, Recomputed, drive, plots
-from canroll.papers.paper_table import Row, Section, Value, printed
-from canroll.papers.roll_loop import Loop
+from canroll.papers.paper_runs import Headline, PaperCase, Recomputed, drive, plots
+from canroll.papers.paper_table import PaperRow, PaperSection, Value, printed
+from canroll.papers.roll_loop import RollLoop
 from canroll.report.figure import Figure
 from canroll.runs.result import Result
 from canroll.typing import Vector
@@ -79,7 +79,7 @@ GAINS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Theirs:
+class Redondo:
     """The paper's conditions: Table 1, constant delay, and a fitted scale of the roll moment."""
 
     vehicle: Vehicle
@@ -111,7 +111,7 @@ class Theirs:
     ) -> Figures:
         """Return the figures of a row; ``model``: of the calibrated plant, without the scale."""
         gain = READ_GAINS.get(row)
-        loop = Loop(
+        loop = RollLoop(
             model or self.vehicle.design,
             feedback=None if gain is None else gain * ROLL_RATE,
             delay=self.delay if delay is None else delay,
@@ -122,12 +122,12 @@ class Theirs:
 
 def recompute() -> Recomputed:
     """Return every number of Tables 2 to 7."""
-    found: list[Row] = []
+    found: list[PaperRow] = []
     figures: list[Figure] = []
     driven: dict[str, Result] = {}
-    theirs: Theirs | None = None
+    theirs: Redondo | None = None
     for test, scenario, speed, table in TESTS:
-        cases = [Case(f"{test}, {row}", {"law": law}) for row, law in LAWS.items()]
+        cases = [PaperCase(f"{test}, {row}", {"law": law}) for row, law in LAWS.items()]
         runs = {
             name: drive(scenario, cases, {**COMMON, "speed_kmh": speed, **more})
             for name, more in STEPS
@@ -137,7 +137,7 @@ def recompute() -> Recomputed:
         first = next(iter(ours.values()))
         if theirs is None:
             vehicle = first.settings.vehicle
-            theirs = Theirs(
+            theirs = Redondo(
                 vehicle,
                 fitted_scale(
                     vehicle.design,
@@ -166,8 +166,8 @@ def _rows(  # noqa: PLR0917
     row: str,
     numbers: Mapping[str, float],
     runs: Mapping[str, Mapping[str, Result]],
-    theirs: Theirs,
-) -> list[Row]:
+    theirs: Redondo,
+) -> list[PaperRow]:
     passive = row == "passive"
     results = [
         (name, next(iter(found.values())) if passive else found[f"{test}, {row}"])
@@ -188,7 +188,7 @@ def _rows(  # noqa: PLR0917
         ],
     )
     return [
-        Row(
+        PaperRow(
             paper=PAPER,
             table=table,
             row=row.replace("_", " "),
@@ -223,7 +223,7 @@ def _reason(test: str, row: str, quantity: str, free: float) -> str:
     return f"course not printed: on ours the largest roll without control is {100 * free:+.0f} %"
 
 
-def checks(theirs: Theirs) -> list[Mapping[str, Value]]:
+def checks(theirs: Redondo) -> list[Mapping[str, Value]]:
     """Return the claims of the paper that its own numbers contradict."""
     tables, model = printed(PAPER), theirs.vehicle.design
     tests = [tables[test] for test, *_ in TESTS]
@@ -285,7 +285,7 @@ def checks(theirs: Theirs) -> list[Mapping[str, Value]]:
     ]
 
 
-def load_transfer(theirs: Theirs) -> Section:
+def load_transfer(theirs: Redondo) -> PaperSection:
     """Return the printed load transfer over the printed roll, beside the paper's formula."""
     rows: list[dict[str, Value]] = []
     for test, *_ in TESTS:
@@ -296,7 +296,7 @@ def load_transfer(theirs: Theirs) -> Section:
                 line[f"{axle}_per_degree"] = value / numbers["roll_max"]
                 line[f"{axle}_formula"] = theirs.transfer[f"nlt_{axle}"]
             rows.append(line)
-    return Section(
+    return PaperSection(
         "load_transfer",
         "Load transfer over roll: was it computed from the roll angle?",
         {
@@ -313,7 +313,7 @@ def load_transfer(theirs: Theirs) -> Section:
     )
 
 
-def _unknowns(theirs: Theirs) -> Sequence[tuple[str, str]]:
+def _unknowns(theirs: Redondo) -> Sequence[tuple[str, str]]:
     return [
         (
             "lateral acceleration, mass and roll arm of the simulated van",
@@ -330,7 +330,7 @@ def _unknowns(theirs: Theirs) -> Sequence[tuple[str, str]]:
     ]
 
 
-def _waterfall(rows: Sequence[Row]) -> Section:
+def _waterfall(rows: Sequence[PaperRow]) -> PaperSection:
     places = [
         (row.table, row.row, "roll_max")
         for row in rows

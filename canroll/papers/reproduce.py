@@ -17,8 +17,8 @@ from canroll.papers.paper_table import (
     SAME_ORDERING,
     TOLERANCE,
     VERDICTS,
-    Row,
-    Section,
+    PaperRow,
+    PaperSection,
     digits,
     judged,
 )
@@ -51,10 +51,10 @@ class Reproduction:
     """All rows of one paper with their verdicts, what proves them, what else was found, plots."""
 
     paper: Paper
-    rows: Sequence[Row]
+    rows: Sequence[PaperRow]
     figures: Sequence[Figure]
-    proofs: Sequence[Section] = ()
-    sections: Sequence[Section] = ()
+    proofs: Sequence[PaperSection] = ()
+    sections: Sequence[PaperSection] = ()
     headlines: Sequence[Headline] = ()
 
     @property
@@ -70,7 +70,7 @@ class Reproduction:
         return {verdict: found[verdict] for verdict in VERDICTS if verdict != FITTED}
 
     @property
-    def every_section(self) -> Sequence[Section]:
+    def every_section(self) -> Sequence[PaperSection]:
         """Proofs and further sections, in the order of the JSON."""
         return (*self.proofs, *self.sections)
 
@@ -97,7 +97,7 @@ class Reproduction:
         ).replace("-", "−")
 
 
-def _is(row: Row, headline: Headline) -> bool:
+def _is(row: PaperRow, headline: Headline) -> bool:
     return (row.table, row.quantity) == (headline.table, headline.quantity)
 
 
@@ -210,7 +210,7 @@ def shown(value: float) -> str:
     return digits(value, 3) if isfinite(value) else "unstable"
 
 
-def towards_ours(row: Row) -> str:
+def towards_ours(row: PaperRow) -> str:
     """Return the step that changes most from the paper's conditions to ours, where it matters."""
     step = row.largest
     if step is None or abs(step.value) <= TOLERANCE * abs(row.printed):

@@ -16,24 +16,26 @@ from canroll.papers.reproduce import (
     to_json,
     towards_ours,
 )
-from canroll.report.page import Cell, Page, Table, Verdict, render
+from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
 
 HEAD = ("", "printed", "paper's conditions", "ours", "verdict")
 
 
-def _overview(found: Sequence[Reproduction]) -> Table:
+def _overview(found: Sequence[Reproduction]) -> PageTable:
     """Return the answer: a line a paper."""
     head = ("", *VERDICTS, "reproduced, ours", "same ordering, ours")
     rows: list[list[str | Cell]] = []
     for part in found:
         ours = list(part.counts_ours.values())[:2]
         rows.append([part.paper.title, *map(str, (*part.counts.values(), *ours))])
-    return Table("What comes out", head, rows, notes=[a for part in found for a in part.answers])
+    return PageTable(
+        "What comes out", head, rows, notes=[a for part in found for a in part.answers]
+    )
 
 
-def _tables(part: Reproduction, first: int) -> list[Table]:
+def _tables(part: Reproduction, first: int) -> list[PageTable]:
     """Return a table for each of the paper's; reasons are numbered below it, each once."""
-    found: list[Table] = []
+    found: list[PageTable] = []
     places = enumerate(part.rows, first)
     for name, rows in groupby(places, key=lambda numbered: numbered[1].table):
         notes: dict[str, int] = {}
@@ -52,7 +54,7 @@ def _tables(part: Reproduction, first: int) -> list[Table]:
                     f"{row.verdict}{mark}",
                 ]
             )
-        found.append(Table(name, HEAD, cells, notes=tuple(notes)))
+        found.append(PageTable(name, HEAD, cells, notes=tuple(notes)))
     return found
 
 
@@ -84,7 +86,7 @@ def reproduction_page(found: Sequence[Reproduction]) -> str:
         Page(
             title="The papers' tables, recomputed",
             subtitle="under each paper's conditions, and through firmware, bus and vehicle",
-            verdict=Verdict(None, summary(found), legend()),
+            verdict=PageVerdict(None, summary(found), legend()),
             warnings=(),
             tables=tables,
             figures=[figure for part in found for figure in part.figures],

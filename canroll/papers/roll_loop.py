@@ -37,7 +37,7 @@ class Kalman:
 
 
 @dataclass(frozen=True, slots=True)
-class Loop:
+class RollLoop:
     """u = K [φ, φ'] − F a_y around a roll model.
 
     Attributes:
@@ -129,7 +129,7 @@ class _Filter:
         return self.state
 
 
-def motion(loop: Loop, lateral: Vector, *, seed: int = 0) -> Motion:
+def motion(loop: RollLoop, lateral: Vector, *, seed: int = 0) -> Motion:
     """Return the motion of ``loop`` under a lateral acceleration given each millisecond, m/s²."""
     inputs = np.hstack([lateral_input(loop.model), moment_input(loop.model)])
     a, b = zero_order_hold(state_matrix(loop.model), inputs, STEP)

@@ -21,9 +21,9 @@ from canroll.papers.conditions import (
     waterfall,
 )
 from canroll.papers.linear_roll import design_numbers
-from canroll.papers.paper_runs import Case, Headline, Recomputed, drive, plots
-from canroll.papers.paper_table import Row, Section, Value, printed
-from canroll.papers.roll_loop import Loop
+from canroll.papers.paper_runs import Headline, PaperCase, Recomputed, drive, plots
+from canroll.papers.paper_table import PaperRow, PaperSection, Value, printed
+from canroll.papers.roll_loop import RollLoop
 from canroll.papers.viadero2022_certificate import NETWORK, SAMPLING
 from canroll.report.figure import Figure, Series
 from canroll.runs.result import Result
@@ -68,7 +68,7 @@ GAINS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Theirs:
+class Viadero:
     """The paper's conditions: trigger at the sensor, constant delay, fitted roll moment."""
 
     model: RollModel
@@ -84,7 +84,7 @@ class Theirs:
         plant: RollModel | None = None,
     ) -> Figures:
         """Return the figures of a row; ``plant``: calibrated, without the scale."""
-        loop = Loop(
+        loop = RollLoop(
             plant or self.model,
             feedback=None if row == "passive" else PRINTED_EVENT_GAIN * ROLL_RATE,
             sampling=SAMPLING,
@@ -96,17 +96,17 @@ class Theirs:
 
 def recompute() -> Recomputed:
     """Return every number of Tables I and II, and the transmission rates."""
-    found: list[Row] = []
+    found: list[PaperRow] = []
     figures: list[Figure] = []
-    sections: list[Section] = []
-    theirs: Theirs | None = None
+    sections: list[PaperSection] = []
+    theirs: Viadero | None = None
     growth: dict[str, float] = {}
     for test, speed, table in TESTS:
         name = f"{test}, active"
         runs = {
             step: drive(
                 "double_lane_change",
-                [Case(name, {})],
+                [PaperCase(name, {})],
                 {**COMMON, "speed_kmh": speed, **more},
             )[name]
             for step, more in STEPS
@@ -114,7 +114,7 @@ def recompute() -> Recomputed:
         result = runs[STEPS[-1][0]]
         if theirs is None:
             model, lateral = result.settings.vehicle.design, result.passive.signals["ay"]
-            theirs = Theirs(
+            theirs = Viadero(
                 model, fitted_scale(model, lateral, printed(PAPER)[test]["passive"]["roll_max"])
             )
             sections = [
@@ -128,7 +128,7 @@ def recompute() -> Recomputed:
             for quantity, value in numbers.items():
                 group = quantity if quantity == "transmission_rate" else f"{test}.{quantity}"
                 found.append(
-                    Row(
+                    PaperRow(
                         paper=PAPER,
                         table=f"Table {table}, double lane change at {speed:g} km/h",
                         row=row,
@@ -143,7 +143,7 @@ def recompute() -> Recomputed:
     assert theirs is not None
     rules = drive(
         "double_lane_change",
-        [Case("every", EVERY), Case("event", {"trigger": "event"})],
+        [PaperCase("every", EVERY), PaperCase("event", {"trigger": "event"})],
         {**COMMON, "bus": viadero2022_certificate.BUS, "speed_kmh": TESTS[0][1]},
     )
     return Recomputed(
@@ -159,7 +159,7 @@ def recompute() -> Recomputed:
     )
 
 
-def _chain(row: str, runs: Mapping[str, Result], theirs: Theirs) -> Chain:
+def _chain(row: str, runs: Mapping[str, Result], theirs: Viadero) -> Chain:
     last = runs[STEPS[-1][0]]
     lateral, plant = last.passive.signals["ay"], last.settings.vehicle.plant
 
@@ -237,7 +237,7 @@ def checks(growth: Mapping[str, float]) -> list[Mapping[str, Value]]:
     ]
 
 
-def _unknowns(theirs: Theirs) -> Sequence[tuple[str, str]]:
+def _unknowns(theirs: Viadero) -> Sequence[tuple[str, str]]:
     return [
         (
             "vehicle, course and driver",
@@ -250,7 +250,7 @@ def _unknowns(theirs: Theirs) -> Sequence[tuple[str, str]]:
     ]
 
 
-def _waterfall(rows: Sequence[Row]) -> Section:
+def _waterfall(rows: Sequence[PaperRow]) -> PaperSection:
     places = [
         (row.table, row.row, row.quantity)
         for row in rows

@@ -11,8 +11,8 @@ from math import sqrt
 import numpy as np
 
 import vehicles
-from canroll.papers.paper_table import Section, Value, finite, printed
-from canroll.papers.roll_loop import Loop, motion
+from canroll.papers.paper_table import PaperSection, Value, finite, printed
+from canroll.papers.roll_loop import RollLoop, motion
 from canroll.runs.result import Result
 from canroll.typing import Vector
 from gain_gen.analysis.certificates import certified_level, event_block, event_small_gain, si_plant
@@ -36,7 +36,7 @@ WATCHED = ("Imu", "RollControlStatus")
 MS = 1e3
 
 
-def readings(lateral: Vector, scale: float) -> Section:
+def readings(lateral: Vector, scale: float) -> PaperSection:
     """Return certificates, exact figures and lane change for both readings of y.
 
     Args:
@@ -45,7 +45,7 @@ def readings(lateral: Vector, scale: float) -> Section:
     """
     model = vehicles.load("van_2022").design
     tables = printed(PAPER)
-    without = motion(Loop(model), scale * lateral)
+    without = motion(RollLoop(model), scale * lateral)
     rows: list[dict[str, Value]] = []
     for name, output in READINGS.items():
         plant = si_plant(model, output)
@@ -86,7 +86,7 @@ def readings(lateral: Vector, scale: float) -> Section:
             }
         most = largest_delay(plant.a, plant.b, PRINTED_EVENT_GAIN * output)
         row["largest_delay_ms"] = finite(MS * most)
-        loop = Loop(
+        loop = RollLoop(
             model,
             feedback=PRINTED_EVENT_GAIN * output,
             sampling=SAMPLING,
@@ -106,7 +106,7 @@ def readings(lateral: Vector, scale: float) -> Section:
         change = table["active"][quantity] / table["passive"][quantity] - 1
         as_printed[f"{quantity}_change_percent"] = 100 * change
     as_printed["transmission_rate_percent"] = 100 * table["active"]["transmission_rate"]
-    return Section(
+    return PaperSection(
         "readings_of_y",
         "Both interpretations of y, with the printed gain and P",
         {
@@ -160,7 +160,7 @@ def relative_rule(commands: Vector, *, floor: float = 0.0) -> int:
     return sent
 
 
-def places(result: Result) -> Section:
+def places(result: Result) -> PaperSection:
     """Return how often the rule fires at the sensor, as the paper has it, and at our ECU."""
     assert result.controlled is not None
     trace = result.controlled
@@ -187,7 +187,7 @@ def places(result: Result) -> Section:
         }
         for place, rule, hops, measurements, commands in found
     ]
-    return Section(
+    return PaperSection(
         "place_of_trigger",
         "Location of the trigger, lane change at 100 km/h",
         {
@@ -207,7 +207,7 @@ def places(result: Result) -> Section:
     )
 
 
-def load_and_bound(runs: dict[str, Result]) -> Section:
+def load_and_bound(runs: dict[str, Result]) -> PaperSection:
     """Return that triggering lowers the mean load, and leaves the worst-case bounds.
 
     Args:
@@ -242,7 +242,7 @@ def load_and_bound(runs: dict[str, Result]) -> Section:
             f"{message}_bound_ms": f"{message}: worst-case response (ms)",
             f"{message}_seen_ms": f"{message}: longest response seen (ms)",
         }
-    return Section(
+    return PaperSection(
         "load_and_bound",
         f"Mean load and worst case, bus {BUS}",
         labels,

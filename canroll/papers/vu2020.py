@@ -16,8 +16,8 @@ from canroll.papers.conditions import (
     unknowns,
     waterfall,
 )
-from canroll.papers.paper_runs import Case, Headline, Recomputed, drive, plots
-from canroll.papers.paper_table import Row, Section, Step, Value, printed
+from canroll.papers.paper_runs import Headline, PaperCase, Recomputed, drive, plots
+from canroll.papers.paper_table import PaperRow, PaperSection, PaperStep, Value, printed
 from canroll.report.figure import DASHED, DOTTED, SOLID, Figure, Series
 from canroll.runs.metrics import peak, rms
 from canroll.runs.result import Result
@@ -71,7 +71,7 @@ def car_of_run(vehicle: Vehicle) -> FullCar:
     return from_vehicle(vehicle, suspension_stiffness=stiffness, hydraulic=True)
 
 
-def ideal_beside(paper: str, result: Result) -> tuple[Section, Figure]:
+def ideal_beside(paper: str, result: Result) -> tuple[PaperSection, Figure]:
     """Return the table and the roll angles of both laws in one lane change."""
     assert result.controlled is not None
     trace = result.controlled
@@ -93,7 +93,7 @@ def ideal_beside(paper: str, result: Result) -> tuple[Section, Figure]:
         }
         for label, (roll, currents) in zip(LABELS, runs, strict=True)
     ]
-    section = Section(
+    section = PaperSection(
         "ideal_law",
         "The ideal law and its compensator, lane change at 100 km/h",
         {
@@ -172,7 +172,7 @@ def recompute() -> Recomputed:
     found = frequency_domain(tables["reduction_db_at_1_rad_s"], weight)
     lane_change = tables["double_lane_change"]
     speeds = [float(speed) for speed in lane_change["speed"]]
-    cases = [Case(f"{speed:g} km/h", {"speed_kmh": speed}) for speed in speeds]
+    cases = [PaperCase(f"{speed:g} km/h", {"speed_kmh": speed}) for speed in speeds]
     runs = {name: drive("double_lane_change", cases, {**COMMON, **more}) for name, more in STEPS}
     ours = runs[STEPS[-1][0]]
     for place, case in enumerate(cases):
@@ -284,7 +284,7 @@ def _reductions(car: FullCar, weight: float, *, roads: bool = False) -> dict[str
     return reductions(model, *ideal_gain(model, input_weight=weight, roads=roads))
 
 
-def frequency_domain(numbers: Mapping[str, float], weight: float) -> list[Row]:
+def frequency_domain(numbers: Mapping[str, float], weight: float) -> list[PaperRow]:
     """Table 3: the ideal 26-state law on the linear car, from the steering at 1 rad/s.
 
     No reading of the paper gives all of it: roll by the fitted ``weight`` of the currents, the
@@ -297,9 +297,9 @@ def frequency_domain(numbers: Mapping[str, float], weight: float) -> list[Row]:
     for quantity, value in numbers.items():
         name = BODE[quantity]
         internal = name.startswith("hop")
-        steps = [Step("feedback on the currents alone", bars[name])] if internal else []
+        steps = [PaperStep("feedback on the currents alone", bars[name])] if internal else []
         found.append(
-            Row(
+            PaperRow(
                 PAPER,
                 "Table 3, from the steering at 1 rad/s",
                 "LQR",
@@ -310,19 +310,19 @@ def frequency_domain(numbers: Mapping[str, float], weight: float) -> list[Row]:
                 finding="E1 and E2: only with actuators in the road" if internal else "E3",
                 fitted=quantity == "roll",
                 reading=ROADS if internal else BARS,
-                attribution=(*steps, Step(WEIGHT, ours[name])),
+                attribution=(*steps, PaperStep(WEIGHT, ours[name])),
             )
         )
     return found
 
 
-def _at_speed(lane_change: Mapping[str, Any], place: int, chain: Chain) -> list[Row]:
+def _at_speed(lane_change: Mapping[str, Any], place: int, chain: Chain) -> list[PaperRow]:
     """Tables 4 and 5, and the largest roll angle of figure 9, at one speed."""
     speed = f"{lane_change['speed'][place]:g} km/h"
     table = "Table 4, double lane change"
     course = "course, driver and CarSim car not printed"
     found = [
-        Row(
+        PaperRow(
             PAPER, table, f"{speed}, {words}", "roll_rms", lane_change[key][place],
             **chain.columns(key), group=f"roll_rms.{speed}", finding=course,
             fitted=(speed, words) == ("100 km/h", "passive"),
@@ -338,7 +338,7 @@ def _at_speed(lane_change: Mapping[str, Any], place: int, chain: Chain) -> list[
         value = float(lane_change["roll_max_reduction_percent_at_100"])
         lone.append(("Figure 9, double lane change", "roll_max_reduction_percent", value))
     found += [
-        Row(
+        PaperRow(
             PAPER, table, speed, quantity, value, **chain.columns(quantity),
             finding="E1: the bars are inside the car" if quantity.startswith("fz") else course,
         )
@@ -409,7 +409,7 @@ def _pascal() -> dict[str, float]:
     return reductions(model, *ideal_gain(model, input_weight=1.0, state_weights=cost))
 
 
-def readings(weight: float) -> Section:
+def readings(weight: float) -> PaperSection:
     """Return Table 3 under every reading of weights and inputs."""
     cases = (
         (f"currents, weight {number(weight)} (fitted to 4.3 dB)", _reductions(REPAIRED, weight)),
@@ -428,7 +428,7 @@ def readings(weight: float) -> Section:
         "hop_fl_db": "front wheel (dB)",
         "hop_rl_db": "rear wheel (dB)",
     }
-    return Section(
+    return PaperSection(
         "readings_of_b",
         "Table 3 by reading",
         columns,
@@ -453,7 +453,7 @@ def _unknowns(weight: float) -> Sequence[tuple[str, str]]:
     ]
 
 
-def _waterfall(rows: Sequence[Row]) -> Section:
+def _waterfall(rows: Sequence[PaperRow]) -> PaperSection:
     places = [
         (row.table, row.row, row.quantity)
         for row in rows

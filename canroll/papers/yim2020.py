@@ -21,9 +21,9 @@ from canroll.papers.conditions import (
     waterfall,
 )
 from canroll.papers.linear_roll import design_numbers
-from canroll.papers.paper_runs import Case, Headline, Recomputed, drive, plots
-from canroll.papers.paper_table import Row, Section, Value, printed
-from canroll.papers.roll_loop import Kalman, Loop
+from canroll.papers.paper_runs import Headline, PaperCase, Recomputed, drive, plots
+from canroll.papers.paper_table import PaperRow, PaperSection, Value, printed
+from canroll.papers.roll_loop import Kalman, RollLoop
 from canroll.report.figure import Figure
 from canroll.runs.experiment import plan, simulate
 from canroll.runs.result import Result
@@ -87,7 +87,7 @@ RECOMPUTED = (
 
 
 @dataclass(frozen=True, eq=False)
-class Theirs:
+class Yim:
     """The paper's conditions.
 
     Attributes:
@@ -100,14 +100,16 @@ class Theirs:
     lateral: Vector
     scale: float
 
-    def loop(self, row: str, actuator: str, model: RollModel, noise: float, firm: float) -> Loop:
+    def loop(
+        self, row: str, actuator: str, model: RollModel, noise: float, firm: float
+    ) -> RollLoop:
         """Return the loop of a row around ``model``; ``firm``: factor on the firm dampers."""
         law, _, forward = row.partition("_")
         design, kalman = self.vehicle.design, printed(PAPER)["kalman"]
         if law == "passive":
-            return Loop(model)
+            return RollLoop(model)
         lags = printed(PAPER)["aarb" if actuator == "bars" else "cdc"]
-        loop = Loop(
+        loop = RollLoop(
             model,
             feedback=-np.array([PRINTED[law]]),
             feedforward=design.roll_arm if forward else 0.0,
@@ -138,13 +140,13 @@ class Theirs:
 
 def recompute() -> Recomputed:
     """Return every number of Tables 3 to 6."""
-    found: list[Row] = []
+    found: list[PaperRow] = []
     figures: list[Figure] = []
-    theirs: Theirs | None = None
+    theirs: Yim | None = None
     for key, table, keywords in TABLES:
         numbers = printed(PAPER)[key]
         cases = [
-            Case(
+            PaperCase(
                 f"{table}, {row}",
                 {"law": row.removesuffix("_dff"), "feedforward": row.endswith("_dff")},
             )
@@ -158,7 +160,7 @@ def recompute() -> Recomputed:
             figures = plots(PAPER, "Obstacle avoidance with bars", ours)
             model, lateral = first.settings.vehicle.design, first.passive.signals["ay"]
             scale = fitted_scale(model, lateral, numbers["passive"][0])
-            theirs = Theirs(first.settings.vehicle, lateral, scale)
+            theirs = Yim(first.settings.vehicle, lateral, scale)
         for row, values in numbers.items():
             found += _rows(key, table, row, values, runs, theirs)
     assert theirs is not None
@@ -178,8 +180,8 @@ def _rows(  # noqa: PLR0917
     row: str,
     values: Sequence[float],
     runs: Mapping[str, Mapping[str, Result]],
-    theirs: Theirs,
-) -> list[Row]:
+    theirs: Yim,
+) -> list[PaperRow]:
     passive = row == "passive"
     actuator = "bars" if key.startswith("aarb") else "dampers"
     switched = [("calibrated stiffness", theirs.calibrated(row, actuator))]
@@ -189,7 +191,7 @@ def _rows(  # noqa: PLR0917
     chain = Chain(theirs.figures(row, actuator), switched)
     names = PASSIVE_COLUMNS if passive else COLUMNS[: len(values)]
     return [
-        Row(
+        PaperRow(
             paper=PAPER,
             table=table,
             row=row.replace("_dff", " with feedforward"),
@@ -204,7 +206,7 @@ def _rows(  # noqa: PLR0917
     ]
 
 
-def _reason(actuator: str, row: str, quantity: str, theirs: Theirs) -> str:
+def _reason(actuator: str, row: str, quantity: str, theirs: Yim) -> str:
     """Return what the paper leaves open, with what the number becomes if it is varied."""
     if "error" in quantity:
         low, high = (
@@ -229,7 +231,7 @@ def _reason(actuator: str, row: str, quantity: str, theirs: Theirs) -> str:
     return "E4: more gain in angle and rate cannot leave more roll"
 
 
-def checks(theirs: Theirs) -> list[Mapping[str, Value]]:
+def checks(theirs: Yim) -> list[Mapping[str, Value]]:
     """Return the claims of the paper that its own numbers contradict."""
     tables = printed(PAPER)["aarb_case2"]
     model = theirs.vehicle.design
@@ -294,7 +296,7 @@ def checks(theirs: Theirs) -> list[Mapping[str, Value]]:
     ]
 
 
-def _unknowns(theirs: Theirs) -> list[tuple[str, str]]:
+def _unknowns(theirs: Yim) -> list[tuple[str, str]]:
     return [
         (
             "lateral acceleration of the course (figure 6), roll arm of the 27-DOF car",
@@ -311,7 +313,7 @@ def _unknowns(theirs: Theirs) -> list[tuple[str, str]]:
     ]
 
 
-def _waterfall(rows: Sequence[Row]) -> Section:
+def _waterfall(rows: Sequence[PaperRow]) -> PaperSection:
     places = [
         (TABLES[0][1], row, quantity)
         for row in ("passive", "lqr", "hinf", "smc", "lqr with feedforward")
@@ -328,7 +330,7 @@ def _waterfall(rows: Sequence[Row]) -> Section:
 DELAYS_MS = (0.0, 5.0, 10.0, 20.0)
 
 
-def on_tyres(vehicle: Vehicle) -> Section:
+def on_tyres(vehicle: Vehicle) -> PaperSection:
     """Return whether the printed gains are stable on a car with tyres and unsprung masses."""
     stiffness = suspension_roll_stiffness(vehicle)
     a, b = state_matrices(
@@ -356,7 +358,7 @@ def on_tyres(vehicle: Vehicle) -> Section:
             )
             row[f"radius_{delay:g}_ms"] = spectral_radius(plant, gain)
         rows.append(row)
-    return Section(
+    return PaperSection(
         "on_tyres",
         "Largest |z| of the printed gains on the linear car with tyres, true states",
         {"law": "law", **{f"radius_{delay:g}_ms": f"{delay:g} ms" for delay in DELAYS_MS}},
@@ -384,7 +386,7 @@ def spectral_radius(plant: HeldPlant, gain: Matrix) -> float:
     return float(np.max(np.abs(np.linalg.eigvals(closed))))
 
 
-def identification() -> Section:
+def identification() -> PaperSection:
     """Return whether RLS helps where stiffness and damping differ from the design by 30 %."""
     title = "RLS on a vehicle that differs"
     rows: list[dict[str, Any]] = []
@@ -415,7 +417,7 @@ def identification() -> Section:
         rows.append(row)
     gains = [100 * (1 - row["roll_max_rls"] / row["roll_max_fixed"]) for row in rows]
     helped = sum(gain > LEAST_GAIN for gain in gains)
-    return Section(
+    return PaperSection(
         "identification",
         f"{title}: bars, roll rate and lateral acceleration measured",
         {

@@ -25,7 +25,7 @@ WRONG_MOMENT = 500.0
 WRONG_TIME = 0.1
 
 
-class Trace(Protocol):
+class ObservedTrace(Protocol):
     """What is needed of the record of a run, as in :class:`canroll.runs.trace.Trace`."""
 
     @property
@@ -122,7 +122,10 @@ class Reaction:
 
 
 def observe(
-    trace: Trace, passive: Trace, faults: Sequence[Fault], healthy: Trace | None = None
+    trace: ObservedTrace,
+    passive: ObservedTrace,
+    faults: Sequence[Fault],
+    healthy: ObservedTrace | None = None,
 ) -> Reaction:
     """Return the reaction of the ECU in ``trace`` to ``faults``.
 
@@ -172,7 +175,7 @@ def codes_seen(ticks: Table) -> tuple[CodeSeen, ...]:
     return tuple(found)
 
 
-def _detection(trace: Trace, start: float) -> tuple[float, str] | None:
+def _detection(trace: ObservedTrace, start: float) -> tuple[float, str] | None:
     """Return when and by what the first fault was detected."""
     ticks = np.asarray(trace.ticks)
     before, after = ticks[ticks["t"] < start], ticks[ticks["t"] >= start]
@@ -193,7 +196,7 @@ def _detection(trace: Trace, start: float) -> tuple[float, str] | None:
     return min(found, key=lambda entry: entry[0], default=None)
 
 
-def _outwards(trace: Trace) -> NDArray[np.float64]:
+def _outwards(trace: ObservedTrace) -> NDArray[np.float64]:
     """Return the moment to the wrong side (N·m) of a whole run."""
     return np.concatenate(
         [
@@ -204,7 +207,7 @@ def _outwards(trace: Trace) -> NDArray[np.float64]:
 
 
 def _wrong_side(
-    trace: Trace, begin: float, usual: NDArray[np.float64] | None
+    trace: ObservedTrace, begin: float, usual: NDArray[np.float64] | None
 ) -> tuple[float, float, float | None]:
     """Return the largest wrong moment, its longest time beyond the limit, and when it harms.
 
@@ -229,7 +232,7 @@ def _wrong_side(
     return most, longest * 1e-3, harmful
 
 
-def _peak(trace: Trace, name: str, begin: float = -np.inf) -> float:
+def _peak(trace: ObservedTrace, name: str, begin: float = -np.inf) -> float:
     """Return the largest absolute value of a signal from ``begin`` (s) on."""
     return max(
         (
@@ -240,7 +243,7 @@ def _peak(trace: Trace, name: str, begin: float = -np.inf) -> float:
     )
 
 
-def _first(trace: Trace, name: str, limit: float, begin: float = -np.inf) -> float | None:
+def _first(trace: ObservedTrace, name: str, limit: float, begin: float = -np.inf) -> float | None:
     """Return when a signal's absolute value first exceeds ``limit`` from ``begin`` (s) on."""
     for time, values in pieces(trace.signals, "time", name):
         over = np.flatnonzero((np.abs(values) > limit) & (time >= begin))
@@ -250,9 +253,9 @@ def _first(trace: Trace, name: str, limit: float, begin: float = -np.inf) -> flo
 
 
 def _harms(
-    trace: Trace,
-    passive: Trace,
-    healthy: Trace | None,
+    trace: ObservedTrace,
+    passive: ObservedTrace,
+    healthy: ObservedTrace | None,
     usual: NDArray[np.float64] | None,
     begin: float,
 ) -> list[Harm]:

@@ -56,7 +56,7 @@ def dash(place: int) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Quantity:
+class CurveQuantity:
     """What is plotted: a function of recorded ``signals`` that takes each instant by itself."""
 
     signals: tuple[str, ...]
@@ -69,24 +69,24 @@ class Quantity:
         return thin_pieces(values, row_count(trace.signals), points)
 
 
-def signal(name: str, scale: float = 1.0) -> Quantity:
+def signal(name: str, scale: float = 1.0) -> CurveQuantity:
     """Return a recorded signal, times ``scale``."""
-    return Quantity((name,), lambda values: values * scale)
+    return CurveQuantity((name,), lambda values: values * scale)
 
 
-def transfer(axle: str) -> Quantity:
+def transfer(axle: str) -> CurveQuantity:
     """Return the load transfer of an axle."""
-    return Quantity(loads_of(axle), load_transfer)
+    return CurveQuantity(loads_of(axle), load_transfer)
 
 
-MOMENT = Quantity(MOMENTS, np.add)
+MOMENT = CurveQuantity(MOMENTS, np.add)
 """Anti-roll moment on the body from the actuators, N·m."""
-EFFECTIVE = Quantity(("ay", "bank"), lambda ay, bank: ay + GRAVITY * np.sin(bank))
+EFFECTIVE = CurveQuantity(("ay", "bank"), lambda ay, bank: ay + GRAVITY * np.sin(bank))
 """Lateral acceleration as an accelerometer in the upright body measures it, m/s²."""
 
 
 def _over_time(
-    runs: Sequence[Shown], id: str, title: str, ylabel: str, quantity: Quantity
+    runs: Sequence[Shown], id: str, title: str, ylabel: str, quantity: CurveQuantity
 ) -> Figure:
     curves = [Series(run.name, *quantity.curve(run.trace), run.colour, run.dash) for run in runs]
     return Figure(id, title, "time (s)", ylabel, curves, unit="s")

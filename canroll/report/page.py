@@ -20,7 +20,7 @@ WORDS = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class PageVerdict:
     """The verdict in a few words: ``good`` is True, False, or None if nothing was judged."""
 
     good: bool | None
@@ -38,7 +38,7 @@ class Cell:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class PageTable:
     """A titled table; cells are text or numbers with their provenance.
 
     ``notes`` are numbered below it; ``chapter`` is a heading above it, listed in the contents;
@@ -65,9 +65,9 @@ class Page:
 
     title: str
     subtitle: str
-    verdict: Verdict
+    verdict: PageVerdict
     warnings: Sequence[str]
-    tables: Sequence[Table]
+    tables: Sequence[PageTable]
     figures: Sequence[Figure]
     playback: Mapping[str, object] | None
     parameters: Sequence[tuple[str, str]]
@@ -78,13 +78,13 @@ class Page:
     workbench: Mapping[str, object] | None = None
 
 
-def _words(table: Table) -> list[bool]:
+def _words(table: PageTable) -> list[bool]:
     """Return for each column whether it holds words, which wrap, instead of numbers."""
     columns = zip(*table.rows, strict=True) if table.rows else ((),) * len(table.head)
     return [any(isinstance(c, str) and len(c) > WORDS for c in column) for column in columns]
 
 
-def _is_wide(table: Table) -> bool:
+def _is_wide(table: PageTable) -> bool:
     """Return whether the head is too wide for a phone even if its names wrap."""
     return sum(max(map(len, name.split()), default=0) for name in table.head) > PHONE
 

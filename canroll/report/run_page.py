@@ -9,7 +9,7 @@ import numpy as np
 
 from canroll.report.curves import Shown, all_figures
 from canroll.report.figure import Figure, Series, histogram, pack
-from canroll.report.page import Cell, Page, Table, Verdict, render
+from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
 from canroll.report.tables import (
     authentication_note,
     can_rows,
@@ -62,10 +62,10 @@ def shown(result: Result) -> list[Shown]:
     return runs
 
 
-def verdict(result: Result) -> Verdict:
+def verdict(result: Result) -> PageVerdict:
     """Return the verdict on top: headline and grounds."""
     headline, _, text = result.verdict.partition(": ")
-    return Verdict(result.good, headline, text[:1].upper() + text[1:])
+    return PageVerdict(result.good, headline, text[:1].upper() + text[1:])
 
 
 def parameters(result: Result) -> list[tuple[str, str]]:
@@ -145,9 +145,9 @@ def run_page(result: Result) -> str:
     rows: list[tuple[str | Cell, ...]] = [(row.name, *row.numbers) for row in metric_rows(result)]
     judged = [] if result.not_valid else standard_rows(result)
     tables = [
-        Table("Figures", head, rows, f"{NO_ROLL} {replay_note(result)}".strip()),
-        *([Table(result.standard.name, STANDARD_HEAD, judged)] if judged else []),
-        Table(
+        PageTable("Figures", head, rows, f"{NO_ROLL} {replay_note(result)}".strip()),
+        *([PageTable(result.standard.name, STANDARD_HEAD, judged)] if judged else []),
+        PageTable(
             "Times on the bus",
             ("", "least", "mean", "most"),
             [(row.name, *row.numbers) for row in can_rows(result)],
@@ -244,7 +244,7 @@ def _resampled(trace: Trace, step: float) -> list[Vector]:
     return found
 
 
-def timing_table(timing: Mapping[str, Any]) -> Table:
+def timing_table(timing: Mapping[str, Any]) -> PageTable:
     """Return the quantiles of ``timing`` as printed by ``canroll hil --json``."""
     rows: list[list[str | Cell]] = [
         [
@@ -260,7 +260,7 @@ def timing_table(timing: Mapping[str, Any]) -> Table:
     )
     seen = [f"{line}." for line in bus_lines(timing)]
     title = "Lock step" if timing["pace"] == "lockstep" else "Real time"
-    return Table(title, ("", *QUANTILES), rows, " ".join([told, *seen, *timing["notes"]]))
+    return PageTable(title, ("", *QUANTILES), rows, " ".join([told, *seen, *timing["notes"]]))
 
 
 def timing_figures(timing: Mapping[str, Any]) -> list[Figure]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from canroll.reaction.harm import HARMFUL
 from canroll.reaction.reaction import WRONG_MOMENT, WRONG_TIME
-from canroll.report.page import Cell, Table
+from canroll.report.page import Cell, PageTable
 from canroll.runs.metrics import NUMBERS
 from canroll.runs.result import Result
 from canroll.runs.standard import limit, measured
@@ -21,7 +21,7 @@ WRONG_SIDE = (
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class NamedRow:
     """A named row of numbers."""
 
     name: str
@@ -43,7 +43,7 @@ def change(after: float | None, before: float | None, digits: int) -> Cell:
     return Cell(f"{percent:+d} %".replace("-", "−") if percent else "0 %")
 
 
-def metric_rows(result: Result) -> list[Row]:
+def metric_rows(result: Result) -> list[NamedRow]:
     """Return a row per metric: without control, with control, change, replay, without any roll.
 
     Without a replay its column is omitted, without a path the path errors.
@@ -64,7 +64,7 @@ def metric_rows(result: Result) -> list[Row]:
             cells.append(number(getattr(result.replay_metrics, name), digits, f"replay.{name}"))
         least = result.without_roll.get(name)
         cells.append(number(least, digits, f"without_roll.{name}"))
-        rows.append(Row(metric.title, tuple(cells)))
+        rows.append(NamedRow(metric.title, tuple(cells)))
     return rows
 
 
@@ -117,7 +117,7 @@ def standard_rows(result: Result) -> list[tuple[str | Cell, ...]]:
     ]
 
 
-def can_rows(result: Result) -> list[Row]:
+def can_rows(result: Result) -> list[NamedRow]:
     """Return a row per message with least, mean and largest response time, and the age."""
     spreads = {
         f"{name}, response (ms)": (f"can.response_ms.{name}", spread)
@@ -126,7 +126,7 @@ def can_rows(result: Result) -> list[Row]:
     if result.can.age_ms is not None:
         spreads["sample to force, age (ms)"] = ("can.age_ms", result.can.age_ms)
     return [
-        Row(
+        NamedRow(
             label,
             tuple(
                 number(getattr(spread, which), 2, f"{key}.{which}")
@@ -137,7 +137,7 @@ def can_rows(result: Result) -> list[Row]:
     ]
 
 
-def reaction_tables(result: Result) -> list[Table]:
+def reaction_tables(result: Result) -> list[PageTable]:
     """Return modes and fault codes with their times, and the moment on the wrong side; or none."""
     reaction = result.reaction
     if reaction is None:
@@ -158,8 +158,8 @@ def reaction_tables(result: Result) -> list[Table]:
     longest = number(reaction.wrong_side_s, 2, "reaction.wrong_side_s")
     head = ("", "largest (N·m)", f"longest over {WRONG_MOMENT:.0f} N·m (s)")
     return [
-        Table("Modes and fault codes", ("", "from (s)", "to (s)"), rows),
-        Table(
+        PageTable("Modes and fault codes", ("", "from (s)", "to (s)"), rows),
+        PageTable(
             "Moment on the wrong side",
             head,
             [("moment on the wrong side", wrong, longest)],

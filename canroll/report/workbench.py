@@ -15,7 +15,7 @@ import dbc
 from canroll.reaction.fault_codes import FAULT_CODES
 from canroll.reaction.reaction import mode_changes
 from canroll.report.columns import column, every, instants, packed_bytes, payloads
-from canroll.report.curves import MOMENT, Quantity, Shown, transfer
+from canroll.report.curves import MOMENT, CurveQuantity, Shown, transfer
 from canroll.runs.metrics import has_wheel_loads
 from canroll.runs.result import Result
 from canroll.runs.trace import TICK, Trace
@@ -97,7 +97,7 @@ def _signals(trace: Trace) -> dict[str, Any]:
     if has_wheel_loads(trace):
         made |= {f"load_transfer_{axle}": (transfer(axle), "") for axle in ("front", "rear")}
     plain = {
-        name: (Quantity((name,), lambda values: values), unit(name))
+        name: (CurveQuantity((name,), lambda values: values), unit(name))
         for name in trace.signals
         if name != "time"
     }

@@ -20,7 +20,7 @@ from canroll.runs.virtual_time import RUN_TIME_NS, closed_loop
 from canroll.setup.bus_frames import check_frames, names_of, profile_of
 from canroll.setup.choice import as_text, one_or_several
 from canroll.setup.choices import PASSIVE, Choices, check, chosen
-from canroll.setup.controller import COMMAND_TIMEOUT, Controller, prepare
+from canroll.setup.controller import COMMAND_TIMEOUT, PreparedController, prepare
 from canroll.setup.delay import sample_to_force
 from canroll.setup.keys import refuse_useless_key
 from canroll.typing import Progress
@@ -58,7 +58,7 @@ def run(scenario: str, *, progress: Progress | None = None, **choices: Unpack[Ch
     return simulate(settings, controller, duration=choices.get("duration"), progress=progress)
 
 
-def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controller]:
+def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, PreparedController]:
     """Return settings and controller of :func:`run` with the same arguments.
 
     Raises:
@@ -135,7 +135,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
 
 def simulate(
     settings: Settings,
-    controller: Controller,
+    controller: PreparedController,
     *,
     duration: float | None = None,
     progress: Progress | None = None,
@@ -169,7 +169,7 @@ def healthy(settings: Settings) -> Settings:
 
 def limit_cycle_of(
     settings: Settings,
-    controller: Controller,
+    controller: PreparedController,
     controlled: Trace,
     passive: Mapping[str, NDArray[np.float64]],
 ) -> LimitCycle | None:
@@ -189,7 +189,7 @@ def limit_cycle_of(
 
 
 def _goes_on(
-    settings: Settings, controller: Controller, controlled: Trace, cycle: LimitCycle
+    settings: Settings, controller: PreparedController, controlled: Trace, cycle: LimitCycle
 ) -> bool:
     """Whether the oscillation of the controlled run goes on without noise and straight on."""
     driven = max(1, round(cycle.established * 1e9) // maneuvers.STEP_NS)
@@ -223,7 +223,7 @@ def _without_noise(settings: Settings, since: float) -> Settings:
 
 def drive(
     settings: Settings,
-    controller: Controller,
+    controller: PreparedController,
     *,
     enabled: bool,
     duration: float | None = None,
@@ -329,7 +329,7 @@ def delay_of(settings: Settings) -> Delay:
 
 def assess(
     settings: Settings,
-    controller: Controller,
+    controller: PreparedController,
     passive: Trace,
     controlled: Trace | None,
     replayed: Trace | None = None,

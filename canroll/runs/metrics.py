@@ -27,7 +27,7 @@ MOMENTS = tuple(f"moment_{axle}" for axle in AXLES)
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
+class Extent:
     """Smallest, mean and largest of a figure."""
 
     min: float
@@ -41,8 +41,8 @@ class Can:
 
     load: float
     frames: int
-    response_ms: dict[str, Spread]
-    age_ms: Spread | None
+    response_ms: dict[str, Extent]
+    age_ms: Extent | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -342,9 +342,9 @@ def response_times(trace: Trace, names: Mapping[int, str] | None = None) -> dict
     return {names[ident]: np.concatenate(found[ident]) for ident in sorted(found)}
 
 
-def spread(values: Vector) -> Spread:
+def spread(values: Vector) -> Extent:
     """Return smallest, mean and largest; ``values`` is not empty."""
-    return Spread(float(np.min(values)), float(np.mean(values)), float(np.max(values)))
+    return Extent(float(np.min(values)), float(np.mean(values)), float(np.max(values)))
 
 
 def bus_load(trace: Trace, segment: int = 0) -> float:

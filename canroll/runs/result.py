@@ -11,7 +11,7 @@ from canroll.reaction.reaction import Reaction
 from canroll.runs.limit_cycle import LimitCycle
 from canroll.runs.metrics import NUMBERS, Can, Metrics, Trigger
 from canroll.runs.phase import Phase
-from canroll.runs.standard import Outcome, Standard
+from canroll.runs.standard import Standard, StandardOutcome
 from canroll.runs.trace import Trace
 from canroll.setup.bus_frames import firmware_of
 from canroll.setup.choice import one_or_several
@@ -249,10 +249,10 @@ class Result:
         return tuple(self.timing.get("not_valid", ()))
 
     @property
-    def outcome(self) -> Outcome:
+    def outcome(self) -> StandardOutcome:
         """What control does, by the figures of both runs."""
         runs = self.passive_metrics, self.controlled_metrics
-        return Outcome(*runs, self.limit_cycle, self.standard)
+        return StandardOutcome(*runs, self.limit_cycle, self.standard)
 
     @property
     def reduction(self) -> float | None:

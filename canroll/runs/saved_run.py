@@ -19,7 +19,7 @@ from canroll.runs.limit_cycle import LimitCycle
 from canroll.runs.result import SAVED, Result, Settings
 from canroll.runs.trace import Trace
 from canroll.runs.virtual_time import RUN_TIME_NS
-from canroll.setup.controller import COMMANDS, Controller
+from canroll.setup.controller import COMMANDS, PreparedController
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from plant_sim.world import archive
@@ -168,8 +168,8 @@ def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:
     )
 
 
-def _controller(settings: Settings, loaded: LoadedCalibration) -> Controller:
-    return Controller(
+def _controller(settings: Settings, loaded: LoadedCalibration) -> PreparedController:
+    return PreparedController(
         vehicle=settings.vehicle,
         law=settings.law,
         actuator=settings.actuator,

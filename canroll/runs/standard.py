@@ -21,7 +21,7 @@ WORSE = 1.05
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class StandardJudgement:
     """Verdicts on one run; none if the standard has no criteria or the run was cut short."""
 
     criteria: tuple[Verdict, ...]
@@ -50,15 +50,15 @@ class Standard:
     """The standard of a manoeuvre, deviations from it, and its verdicts on both runs."""
 
     name: str
-    passive: Judged
-    controlled: Judged | None
+    passive: StandardJudgement
+    controlled: StandardJudgement | None
 
     @property
     def short_name(self) -> str:
         """The name without the deviations."""
         return self.name.partition(",")[0]
 
-    def runs(self) -> list[tuple[str, Judged]]:
+    def runs(self) -> list[tuple[str, StandardJudgement]]:
         """Return the judged runs by their key in the JSON object."""
         runs = [("passive", self.passive), ("controlled", self.controlled)]
         return [(name, judged) for name, judged in runs if judged is not None and judged.criteria]
@@ -73,7 +73,7 @@ class Standard:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class StandardOutcome:
     """One manoeuvre without and with control (None for the law "passive"), compared."""
 
     passive: Metrics
@@ -181,7 +181,7 @@ class Outcome:
         judged = self.standard.controlled
         return judged is not None and judged.passed is False
 
-    def _judged(self, headline: str, grounds: str, judged: Judged | None) -> str:
+    def _judged(self, headline: str, grounds: str, judged: StandardJudgement | None) -> str:
         """Return headline and grounds with what of the standard is not met."""
         if judged is None or judged.passed is not False:
             return f"{headline}: {grounds}"
@@ -202,7 +202,7 @@ def assess(
     )
 
 
-def _judged(maneuver: Maneuver, vehicle: Vehicle, trace: Trace) -> Judged:
+def _judged(maneuver: Maneuver, vehicle: Vehicle, trace: Trace) -> StandardJudgement:
     verdicts: list[Verdict] = []
     over = any(np.any(piece > 0) for (piece,) in pieces(trace.signals, "rollover"))
     if over and maneuver.standard != "none":
@@ -210,7 +210,7 @@ def _judged(maneuver: Maneuver, vehicle: Vehicle, trace: Trace) -> Judged:
         verdicts = standards.two_wheel_lift(trace.signals)
     elif trace.duration >= maneuver.duration_ns * 1e-9 - 1e-6:
         verdicts = standards.judge(maneuver.name, vehicle, trace.signals)
-    return Judged(tuple(verdicts))
+    return StandardJudgement(tuple(verdicts))
 
 
 def measured(verdict: Verdict) -> str:
@@ -233,7 +233,7 @@ def measure(verdict: Verdict) -> str:
     return f"{verdict.criterion} {measured(verdict)}{told}"
 
 
-def sentence(judged: Judged) -> str:
+def sentence(judged: StandardJudgement) -> str:
     """Return the verdict with its figures, in one line."""
     parts = ", ".join(measure(verdict) for verdict in judged.criteria)
     return f"{'passes' if judged.passed else 'fails'}: {parts}"

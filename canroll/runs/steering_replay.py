@@ -10,7 +10,7 @@ import numpy as np
 
 from canroll.runs.trace import Trace
 from canroll.typing import Vector
-from plant_sim.driving.driver import FISHHOOK, FOLLOW_PATH, Drive, off_path
+from plant_sim.driving.driver import FISHHOOK, FOLLOW_PATH, DriveInputs, off_path
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.world.spool import pieces, with_signal
 
@@ -31,7 +31,7 @@ def differs(maneuver: Maneuver, passive: Trace, controlled: Trace) -> bool:
     return False
 
 
-def with_path_error(trace: Trace, drive: Drive) -> Trace:
+def with_path_error(trace: Trace, drive: DriveInputs) -> Trace:
     """Return a replayed trace with its distance from the path, which no driver followed."""
     if drive.path_x.size <= 2:
         return trace
@@ -40,7 +40,7 @@ def with_path_error(trace: Trace, drive: Drive) -> Trace:
     )
 
 
-def path_error(trace: Trace, drive: Drive) -> Iterator[Vector]:
+def path_error(trace: Trace, drive: DriveInputs) -> Iterator[Vector]:
     """Yield the distance left of the path of ``drive``, m, one value per millisecond, in parts."""
     station = 0.0
     for x, y in pieces(trace.signals, "x", "y"):

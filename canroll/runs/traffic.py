@@ -3,12 +3,12 @@
 from canroll.runs.experiment import build_world
 from canroll.runs.result import Settings
 from canroll.runs.virtual_time import closed_loop
-from canroll.setup.controller import Controller
+from canroll.setup.controller import PreparedController
 from codegen.run.backends import Recorder, open_backend
 from codegen.run.ecu_traffic import Traffic
 
 
-def record_traffic(settings: Settings, controller: Controller, duration: float) -> Traffic:
+def record_traffic(settings: Settings, controller: PreparedController, duration: float) -> Traffic:
     """Drive the first ``duration`` seconds with control; return what the ECU received."""
     firmware = settings.firmware
     ecu = open_backend(settings.backend, controller.record, firmware, key=settings.secret)

@@ -18,7 +18,7 @@ TICKS_LATER = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Run:
+class RunTiming:
     """Timing of a run on which its validity depends; times in s.
 
     Attributes:
@@ -54,7 +54,7 @@ class Run:
     compilations: int
 
 
-def reasons(run: Run) -> list[str]:
+def reasons(run: RunTiming) -> list[str]:
     """Return the reasons why a run is not valid, each with figure and bound; empty if valid."""
     found = []
     if run.driven < run.planned - run.tick and not run.rolled_over:

@@ -23,7 +23,7 @@ from firmware.calibration import Calibration
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE
 from gain_gen.calibration.calibration_file import LoadedCalibration, load
 from gain_gen.calibration.freeze import calibrate
-from gain_gen.calibration.quantise import ACTUATOR_NUMBER, Options
+from gain_gen.calibration.quantise import ACTUATOR_NUMBER, QuantiseOptions
 from gain_gen.design import design, without_control
 from gain_gen.laws import WITHOUT_ROLL_RATE
 from gain_gen.models.task import Delay, Design, Task
@@ -46,7 +46,7 @@ COUNTS = 15
 
 
 @dataclass(frozen=True, slots=True)
-class Controller:
+class PreparedController:
     """A calibration with its vehicle and law; ``warnings`` refer to the chosen bus."""
 
     vehicle: Vehicle
@@ -81,7 +81,7 @@ class Controller:
         return float(share)
 
 
-def prepare(choices: Mapping[str, Any]) -> Controller:
+def prepare(choices: Mapping[str, Any]) -> PreparedController:
     """Return the controller for ``choices`` (:class:`canroll.setup.choices.Choices`).
 
     Raises:
@@ -144,7 +144,7 @@ def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
     )
 
 
-def options_of(choices: Mapping[str, Any]) -> Options:
+def options_of(choices: Mapping[str, Any]) -> QuantiseOptions:
     """Return the calibration options in ``choices`` that do not depend on the law.
 
     Raises:
@@ -167,7 +167,7 @@ def options_of(choices: Mapping[str, Any]) -> Options:
     if every_tick and choices.get("heartbeat_ms") is not None:
         where = "to dampers" if event else "with --trigger every"
         raise CanrollError(f"--heartbeat: {where} a command is sent every tick: omit it")
-    return Options(
+    return QuantiseOptions(
         event_trigger=event,
         identification=identification,
         offset_learning=chosen(choices, "offset_learning"),
@@ -233,7 +233,7 @@ def _sample_period(choices: Mapping[str, Any]) -> float:
     return 0.0
 
 
-def _designed(choices: Mapping[str, Any]) -> Controller:
+def _designed(choices: Mapping[str, Any]) -> PreparedController:
     law = chosen(choices, "law")
     task, options = task_of(choices), options_of(choices)
     # without control the frames go on all the same
@@ -242,7 +242,7 @@ def _designed(choices: Mapping[str, Any]) -> Controller:
         # a moment law drives the bars' own torque loop, for a current is the rate of a moment
         answer = replace(answer, task=replace(task, actuator="bars"))
     record, tables = calibrate(answer, options)
-    return Controller(
+    return PreparedController(
         vehicle=task.vehicle,
         law=law,
         actuator=task.actuator,
@@ -265,7 +265,7 @@ def _design(law: str, task: Task) -> Design:
     return answer
 
 
-def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> Controller:
+def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> PreparedController:
     vehicle, note = calibration.vehicle, ""
     if choices.get("plant_vehicle") is None:
         note = vehicles.note_of_change(vehicle, "calibration")
@@ -273,7 +273,7 @@ def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> Contr
     delay = sample_to_force(vehicle, command, profile_of(choices), tick=calibration.tick)
     warnings = [line for line in calibration.warnings if "expect a limit cycle" not in line]
     beyond = calibration.delay_warning(delay.most) or _other_delay(calibration, choices, delay)
-    return Controller(
+    return PreparedController(
         vehicle=vehicle,
         law=choices.get("law") or calibration.law,
         actuator=calibration.actuator,

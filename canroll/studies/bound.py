@@ -22,7 +22,7 @@ from scipy.optimize import brentq
 
 from canroll.runs.metrics import rms
 from canroll.runs.result import Settings
-from canroll.setup.controller import Controller
+from canroll.setup.controller import PreparedController
 from canroll.typing import Vector
 from plant_sim import bodies
 from plant_sim.world.open_loop import moment_response
@@ -34,7 +34,7 @@ SMALLEST, LARGEST = 1e-12, 1e12
 
 
 @dataclass(frozen=True, slots=True)
-class Bound:
+class EffortBound:
     """The problem in the principal directions of H.
 
     Attributes:
@@ -78,7 +78,9 @@ class Bound:
         return sqrt(float(np.mean(left**2)))
 
 
-def bound_of(settings: Settings, controller: Controller, time: Vector, roll: Vector) -> Bound:
+def bound_of(
+    settings: Settings, controller: PreparedController, time: Vector, roll: Vector
+) -> EffortBound:
     """Return the bound of a run.
 
     Args:
@@ -97,4 +99,4 @@ def bound_of(settings: Settings, controller: Controller, time: Vector, roll: Vec
         held=HELD,
         count=count,
     )
-    return Bound.of(np.interp(ends, time, roll), response)
+    return EffortBound.of(np.interp(ends, time, roll), response)

@@ -13,7 +13,7 @@ from canroll.runs.experiment import drive, healthy, plan, simulate
 from canroll.runs.result import Result, Settings
 from canroll.runs.trace import Trace
 from canroll.setup.choices import CHOICES, without_frozen
-from canroll.setup.controller import Controller
+from canroll.setup.controller import PreparedController
 from canroll.setup.words import described
 from canroll.table import Table
 
@@ -183,7 +183,7 @@ def runs(
         plan(scenario, **_merged(common, keywords), duration=duration) for _, keywords in wanted
     ]
     alone: list[Settings] = []
-    drivers: list[tuple[Settings, Controller]] = []
+    drivers: list[tuple[Settings, PreparedController]] = []
     places = []
     for settings, controller in planned:
         same = replace(settings, law="", observer="", trigger="")
@@ -203,13 +203,15 @@ def runs(
     ]
 
 
-def uncontrolled(settings: Settings, controller: Controller, duration: float | None) -> Trace:
+def uncontrolled(
+    settings: Settings, controller: PreparedController, duration: float | None
+) -> Trace:
     """Drive the run without control."""
     return drive(healthy(settings), controller, enabled=False, duration=duration)
 
 
 def simulated(
-    settings: Settings, controller: Controller, duration: float | None, passive: Trace
+    settings: Settings, controller: PreparedController, duration: float | None, passive: Trace
 ) -> Result:
     """Drive the run with control, and return its figures."""
     return simulate(settings, controller, duration=duration, passive=passive)

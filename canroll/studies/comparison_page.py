@@ -7,7 +7,7 @@ import numpy as np
 
 from canroll.report.curves import Shown, all_figures, dash
 from canroll.report.figure import DASHED, Figure, Series
-from canroll.report.page import Cell, Page, Table, Verdict, render
+from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
 from canroll.report.run_page import NLT, parameters, playback, provenance
 from canroll.report.tables import NOTHING, number
 from canroll.runs.metrics import BY_KEY, NUMBERS, Metrics
@@ -32,7 +32,7 @@ def comparison_json(named: Sequence[Named]) -> dict[str, Any]:
     return {"runs": [{"name": run.name, **run.result.to_json()} for run in named]}
 
 
-def metric_table(named: Sequence[Named]) -> Table:
+def metric_table(named: Sequence[Named]) -> PageTable:
     """Return a row per metric and a column per run, the run without control first."""
     rows: list[list[str | Cell]] = []
     for metric in NUMBERS:
@@ -54,10 +54,10 @@ def metric_table(named: Sequence[Named]) -> Table:
             *(Cell(f"{100 * run.result.trigger.transmission_rate:.1f}") for run in named),
         ]
     )
-    return Table("Figures", ("", "without control", *(run.name for run in named)), rows, NLT)
+    return PageTable("Figures", ("", "without control", *(run.name for run in named)), rows, NLT)
 
 
-def summary_table(named: Sequence[Named]) -> Table:
+def summary_table(named: Sequence[Named]) -> PageTable:
     """Return a row per run with the few figures by which laws are chosen."""
     figures = FIGURES_TO_CHOOSE_BY
     head = (
@@ -87,7 +87,7 @@ def summary_table(named: Sequence[Named]) -> Table:
             cells = [_plain(metrics, n) for n in figures]
             age = run.result.can.age_ms
             rows.append([run.name, *cells, rate, "" if age is None else f"{age.mean:.1f}"])
-    return Table("Runs", head, rows)
+    return PageTable("Runs", head, rows)
 
 
 def _plain(metrics: Metrics, figure: str) -> Cell:
@@ -107,7 +107,7 @@ def apart(named: Sequence[Named]) -> list[str]:
     ]
 
 
-def best(named: Sequence[Named]) -> Verdict:
+def best(named: Sequence[Named]) -> PageVerdict:
     """Return the run with the least largest roll angle of those that help.
 
     Those that meet the manoeuvre's standard come first.
@@ -115,13 +115,13 @@ def best(named: Sequence[Named]) -> Verdict:
     helping = [run for run in named if run.result.helps]
     meeting = [run for run in helping if not run.result.outcome.fails_standard]
     if not helping:
-        return Verdict(False, "Nothing helps", "No run reduces roll without a limit cycle")
+        return PageVerdict(False, "Nothing helps", "No run reduces roll without a limit cycle")
     winner = min(meeting or helping, key=lambda run: run.result.controlled_metrics.roll_max_deg)  # type: ignore[union-attr]
     assert winner.result.controlled_metrics is not None
     moment = winner.result.controlled_metrics.moment_rms_nm
     roll = winner.result.controlled_metrics.roll_max_deg
     unmet = "" if meeting else f", {winner.result.standard.short_name} not met"
-    return Verdict(
+    return PageVerdict(
         True if meeting else None,
         f"Least roll: {winner.name}{unmet}",
         f"Largest roll angle {roll:.2f}° for an RMS moment of {moment:.0f} N·m. Less roll at more "
@@ -186,7 +186,7 @@ def comparison_page(named: Sequence[Named]) -> str:
     )
 
 
-def sweep_table(named: Mapping[str, Sequence[Named]]) -> Table:
+def sweep_table(named: Mapping[str, Sequence[Named]]) -> PageTable:
     """Return a row per speed: without control, then peak roll angle and change for each law."""
     laws = list(named)
     head = ["speed (km/h)", "without control (deg)"]
@@ -206,7 +206,7 @@ def sweep_table(named: Mapping[str, Sequence[Named]]) -> Table:
             change = f"{100 * (metrics.roll_max_deg / before - 1):+.0f} %".replace("-", "−")
             row += [number(metrics.roll_max_deg, 2, key), change]
         rows.append(row)
-    return Table("Largest roll angle", head, rows)
+    return PageTable("Largest roll angle", head, rows)
 
 
 def sweep_json(named: Mapping[str, Sequence[Named]]) -> dict[str, Any]:
@@ -250,7 +250,7 @@ def sweep_page(named: Mapping[str, Sequence[Named]]) -> str:
             title=f"{scenario[:1].upper()}{scenario[1:]} from {min(speeds):g} to "
             f"{max(speeds):g} km/h",
             subtitle=f"{settings.vehicle_name}, {settings.actuator} over {settings.bus_name}",
-            verdict=Verdict(None if unmet and all_help else all_help, text, ""),
+            verdict=PageVerdict(None if unmet and all_help else all_help, text, ""),
             warnings=list(warnings),
             tables=[sweep_table(named)],
             figures=plots,

@@ -13,8 +13,8 @@ from canroll.runs.experiment import drive, limit_cycle_of
 from canroll.runs.metrics import judge, rms
 from canroll.runs.result import Settings
 from canroll.setup.choices import PASSIVE
-from canroll.setup.controller import Controller
-from canroll.studies.bound import Bound, bound_of
+from canroll.setup.controller import PreparedController
+from canroll.studies.bound import EffortBound, bound_of
 from gain_gen.calibration.record import identify
 
 FIGURES = (
@@ -55,11 +55,11 @@ class Passive:
 
     time: NDArray[np.float64]
     roll: NDArray[np.float64]
-    bound: Bound
+    bound: EffortBound
 
 
 @dataclass(frozen=True, slots=True)
-class Driven:
+class EffortRun:
     """Results of a law over several runs: figures (runs, 8), and number of limit cycles.
 
     ``factor``: factor on the law's moment.
@@ -83,19 +83,21 @@ class Driven:
 class BudgetError(CanrollError):
     """A law cannot be scaled to the budget; ``nearest`` has its results at the closest factor."""
 
-    def __init__(self, message: str, nearest: Driven) -> None:
+    def __init__(self, message: str, nearest: EffortRun) -> None:
         super().__init__(message)
         self.nearest = nearest
 
 
-def scaled(controller: Controller, factor: float) -> Controller:
+def scaled(controller: PreparedController, factor: float) -> PreparedController:
     """Return the controller with its moment multiplied, at every speed of the schedule."""
     record = copy(controller.record)
     record.schedule_gain = [round(factor * gain) for gain in record.schedule_gain]
     return replace(controller, record=identify(record))
 
 
-def without_control(population: Sequence[Settings], controller: Controller) -> list[Passive]:
+def without_control(
+    population: Sequence[Settings], controller: PreparedController
+) -> list[Passive]:
     """Return each run of ``population`` without control."""
     found = []
     for settings in population:
@@ -107,11 +109,11 @@ def without_control(population: Sequence[Settings], controller: Controller) -> l
 
 def driven(
     population: Sequence[Settings],
-    controller: Controller,
+    controller: PreparedController,
     passive: Sequence[Passive],
     *,
     factor: float = 1.0,
-) -> Driven:
+) -> EffortRun:
     """Drive the runs of ``population`` with the law's moment times ``factor``.
 
     ``passive``: the same runs without control.
@@ -127,10 +129,10 @@ def driven(
         if settings.law != PASSIVE:
             roll = {"time": without.time, "roll": without.roll}
             cycles += limit_cycle_of(settings, controller, trace, roll) is not None
-    return Driven(factor, np.array(figures), cycles)
+    return EffortRun(factor, np.array(figures), cycles)
 
 
-def at_budget(drive_at: Callable[[float], Driven], budget: float) -> Driven:
+def at_budget(drive_at: Callable[[float], EffortRun], budget: float) -> EffortRun:
     """Return the results of a law at the factor for which its effort equals ``budget``, N·m.
 
     Found by false position between a factor below and one above, away from both ends.
@@ -138,7 +140,7 @@ def at_budget(drive_at: Callable[[float], Driven], budget: float) -> Driven:
     Raises:
         BudgetError: no factor meets it.
     """
-    low, high = Driven(0.0, np.zeros((1, len(FIGURES))), 0), None
+    low, high = EffortRun(0.0, np.zeros((1, len(FIGURES))), 0), None
     factor = 1.0
     for _ in range(STEPS_MAX):
         found = drive_at(factor)
@@ -170,7 +172,7 @@ def at_budget(drive_at: Callable[[float], Driven], budget: float) -> Driven:
     )
 
 
-def at_rest(drive_at: Callable[[float], Driven]) -> Driven:
+def at_rest(drive_at: Callable[[float], EffortRun]) -> EffortRun:
     """Return the results of a law at the largest gain factor without limit cycle, in tenths.
 
     Raises:

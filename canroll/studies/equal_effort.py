@@ -23,12 +23,12 @@ from canroll.runs.experiment import drive, plan
 from canroll.runs.metrics import rms
 from canroll.runs.result import Settings
 from canroll.setup.choices import PASSIVE
-from canroll.setup.controller import Controller
+from canroll.setup.controller import PreparedController
 from canroll.studies.effort import (
     FIGURES,
     MOMENT_RMS,
     BudgetError,
-    Driven,
+    EffortRun,
     Passive,
     at_budget,
     at_rest,
@@ -40,7 +40,7 @@ from plant_sim.bodies import own_body
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class EffortEntry:
     """One law of the comparison.
 
     Attributes:
@@ -59,30 +59,30 @@ class Entry:
 
 
 ENTRIES = (
-    Entry("passive", "", {"law": "passive"}, scaled=False),
-    Entry("best passive bar", "", {"law": "passive"}, scaled=False, best_bar=True),
-    Entry("hinf_delay", "roll_rate_only", {"law": "hinf_delay"}),
-    Entry("hinf_nodelay", "roll_rate_only", {"law": "hinf_nodelay"}),
-    Entry("hinf_event", "roll_rate_only", {"law": "hinf_event"}),
-    Entry("plain_feedforward", "all_sensors", {"law": "plain_feedforward"}),
-    Entry("ay_feedforward", "all_sensors", {"law": "ay_feedforward"}),
-    Entry("rate_feedforward", "all_sensors", {"law": "rate_feedforward"}),
-    Entry("lqr, feedback only", "all_sensors", {"law": "lqr", "feedforward": False}),
-    Entry("smc, feedback only", "all_sensors", {"law": "smc", "feedforward": False}),
-    Entry("lqr", "all_sensors", {"law": "lqr"}),
-    Entry("hinf", "all_sensors", {"law": "hinf"}),
-    Entry("smc", "all_sensors", {"law": "smc"}),
-    Entry("lqg_delay", "all_sensors", {"law": "lqg_delay"}),
-    Entry("steering_lead", "all_sensors", {"law": "steering_lead"}),
+    EffortEntry("passive", "", {"law": "passive"}, scaled=False),
+    EffortEntry("best passive bar", "", {"law": "passive"}, scaled=False, best_bar=True),
+    EffortEntry("hinf_delay", "roll_rate_only", {"law": "hinf_delay"}),
+    EffortEntry("hinf_nodelay", "roll_rate_only", {"law": "hinf_nodelay"}),
+    EffortEntry("hinf_event", "roll_rate_only", {"law": "hinf_event"}),
+    EffortEntry("plain_feedforward", "all_sensors", {"law": "plain_feedforward"}),
+    EffortEntry("ay_feedforward", "all_sensors", {"law": "ay_feedforward"}),
+    EffortEntry("rate_feedforward", "all_sensors", {"law": "rate_feedforward"}),
+    EffortEntry("lqr, feedback only", "all_sensors", {"law": "lqr", "feedforward": False}),
+    EffortEntry("smc, feedback only", "all_sensors", {"law": "smc", "feedforward": False}),
+    EffortEntry("lqr", "all_sensors", {"law": "lqr"}),
+    EffortEntry("hinf", "all_sensors", {"law": "hinf"}),
+    EffortEntry("smc", "all_sensors", {"law": "smc"}),
+    EffortEntry("lqg_delay", "all_sensors", {"law": "lqg_delay"}),
+    EffortEntry("steering_lead", "all_sensors", {"law": "steering_lead"}),
 )
 PRINTED = (
-    Entry(
+    EffortEntry(
         "hinf_delay as printed",
         "roll_rate_only",
         {"law": "hinf_delay", "gains": "as_printed", "unverified": True},
         scaled=False,
     ),
-    Entry(
+    EffortEntry(
         "hinf_event as printed",
         "roll_rate_only",
         {"law": "hinf_event", "gains": "as_printed", "unverified": True},
@@ -118,7 +118,7 @@ CONFIDENCE = 1.96
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class EffortRow:
     """Results of one law.
 
     Attributes:
@@ -133,7 +133,7 @@ class Row:
         oscillates: whether that is more than expected by chance.
     """
 
-    entry: Entry
+    entry: EffortEntry
     factor: float
     figures: NDArray[np.float64]
     bound: NDArray[np.float64]
@@ -170,10 +170,10 @@ class Difference:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class EffortComparison:
     """The rows, the reference among them and the common RMS moment, N·m."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[EffortRow, ...]
     reference: str
     budget: float
     runs: int
@@ -181,13 +181,13 @@ class Comparison:
     vehicle: str
     scenario: str
 
-    def against_reference(self, row: Row, figure: str) -> Difference:
+    def against_reference(self, row: EffortRow, figure: str) -> Difference:
         """Return the paired difference of ``figure`` from the reference."""
         column = FIGURES.index(figure)
         base = next(r for r in self.rows if r.entry.name == self.reference).figures[:, column]
         return paired(row.figures[:, column], base)
 
-    def verdict(self, row: Row) -> str:
+    def verdict(self, row: EffortRow) -> str:
         """Return "better", "worse" or "equal", why there is no verdict, or what less roll costs."""
         if row.entry.name == self.reference:
             return "reference"
@@ -240,14 +240,14 @@ def compare(
     vehicle: str = "van_2021",
     bus: str = "500k",
     runs: int = 200,
-    entries: Sequence[Entry] | None = None,
+    entries: Sequence[EffortEntry] | None = None,
     reference: str = REFERENCE,
     effort: float | None = None,
     spread: Mapping[str, float] = NONE,
     conditions: Mapping[str, Any] | None = None,
     label: str = "laws",
     cases: Cases = IN_TURN,
-) -> Comparison:
+) -> EffortComparison:
     """Drive every law ``runs`` times and return the rows.
 
     If the effort is that of the reference, the reference is driven at the largest tenth of its
@@ -286,7 +286,7 @@ def compare(
     entries = [e for e in entries if e in picked or e is base or e.name == PASSIVE]
     passive = without_control(population(settings, runs, spread), controller)
     driver = _Driver(scenario, common, runs, spread, passive)
-    at_reference: list[Row] = []
+    at_reference: list[EffortRow] = []
     if effort is None:
         effort, at_reference = driver.reference(base)
     study = cases.of(
@@ -297,13 +297,13 @@ def compare(
     common_driver = study.engine.common(driver)
     others = [entry for entry in entries if entry is not base or not at_reference]
     driven = study.rows(label, law_row, [(common_driver, entry, effort) for entry in others])
-    rows: list[Row] = []
+    rows: list[EffortRow] = []
     for entry in entries:
         rows += [next(driven)] if entry in others else at_reference
-    return Comparison(tuple(rows), reference, effort, runs, bus, vehicle, scenario)
+    return EffortComparison(tuple(rows), reference, effort, runs, bus, vehicle, scenario)
 
 
-def law_row(driver: "_Driver", entry: Entry, effort: float) -> Row:
+def law_row(driver: "_Driver", entry: EffortEntry, effort: float) -> EffortRow:
     """Return the results of a law at ``effort``, N·m."""
     return driver.row(entry, effort)
 
@@ -325,12 +325,12 @@ class _Driver:
     spread: Mapping[str, float]
     passive: Sequence[Passive]
 
-    def plan(self, entry: Entry) -> tuple[list[Settings], Controller]:
+    def plan(self, entry: EffortEntry) -> tuple[list[Settings], PreparedController]:
         """Return the runs of a law, and its controller."""
         settings, controller = plan(self.scenario, **{**self.common, **entry.keywords})
         return population(settings, self.runs, self.spread), controller
 
-    def bar(self, entry: Entry) -> Row:
+    def bar(self, entry: EffortEntry) -> EffortRow:
         """Return the results of the best passive bar; its factor is on the roll stiffness.
 
         It is the stiffest, in tenths and at most twice as stiff, with path error, steering and load
@@ -339,7 +339,7 @@ class _Driver:
         settings, controller = plan(self.scenario, **{**self.common, **entry.keywords})
         columns = [FIGURES.index(name) for name in NO_WORSE]
 
-        def at(factor: float) -> Driven:
+        def at(factor: float) -> EffortRun:
             where = population(with_stiffer_bar(settings, factor), self.runs, self.spread)
             return replace(driven(where, controller, self.passive), factor=factor)
 
@@ -351,12 +351,12 @@ class _Driver:
                 return self._of(entry, found)
         return self._of(entry, without)
 
-    def reference(self, entry: Entry) -> tuple[float, list[Row]]:
+    def reference(self, entry: EffortEntry) -> tuple[float, list[EffortRow]]:
         """Return the effort of the reference without limit cycle, N·m, and its rows."""
         where, controller = self.plan(entry)
         tried = []
 
-        def at(factor: float) -> Driven:
+        def at(factor: float) -> EffortRun:
             tried.append(driven(where, controller, self.passive, factor=factor))
             return tried[-1]
 
@@ -370,7 +370,7 @@ class _Driver:
             rows.append(self._of(designed, tried[0]))
         return found.effort, [*rows, self._of(entry, found)]
 
-    def row(self, entry: Entry, effort: float) -> Row:
+    def row(self, entry: EffortEntry, effort: float) -> EffortRow:
         """Return the results of a law at ``effort``, N·m, or at its designed effort."""
         if entry.best_bar:
             return self.bar(entry)
@@ -378,7 +378,7 @@ class _Driver:
             where, controller = self.plan(entry)
         except CanrollError as error:
             nothing = np.full((self.runs, len(FIGURES)), np.nan)
-            return Row(entry, 1.0, nothing, nothing[:, 0], str(error))
+            return EffortRow(entry, 1.0, nothing, nothing[:, 0], str(error))
         if not entry.scaled:
             return self._of(entry, driven(where, controller, self.passive))
         refused = ""
@@ -394,7 +394,7 @@ class _Driver:
             refused = f"misses the RMS moment by {100 * off:+.1f} %"
         return self._of(entry, found, refused)
 
-    def _of(self, entry: Entry, found: Driven, refused: str = "") -> Row:
+    def _of(self, entry: EffortEntry, found: EffortRun, refused: str = "") -> EffortRow:
         efforts = found.figures[:, MOMENT_RMS]
         least = [
             degrees(passive.bound.at(effort))
@@ -402,12 +402,12 @@ class _Driver:
         ]
         silent = entry.keywords["law"] == PASSIVE
         bound = np.full(len(least), np.nan) if silent else np.array(least)
-        return Row(
+        return EffortRow(
             entry, found.factor, found.figures, bound, refused, found.cycles, found.oscillates
         )
 
 
-def table(comparison: Comparison) -> list[str]:
+def table(comparison: EffortComparison) -> list[str]:
     """Return the comparison as a Markdown table, better and worse results alike."""
     base = next(row for row in comparison.rows if row.entry.name == "passive")
     lines = [
@@ -436,7 +436,7 @@ def table(comparison: Comparison) -> list[str]:
     return lines
 
 
-def to_json(comparison: Comparison) -> list[dict[str, Any]]:
+def to_json(comparison: EffortComparison) -> list[dict[str, Any]]:
     """Return the rows as plain numbers."""
     rows = []
     for row in comparison.rows:

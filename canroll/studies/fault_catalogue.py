@@ -19,7 +19,7 @@ KEYS = ("name", "faults", "expect", "mode")
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class CatalogueEntry:
     """One entry of a catalogue.
 
     Attributes:
@@ -47,7 +47,7 @@ GROUPS = {
 }
 
 
-def entries(settings: Settings, path: Path = CATALOGUE) -> tuple[Entry, ...]:
+def entries(settings: Settings, path: Path = CATALOGUE) -> tuple[CatalogueEntry, ...]:
     """Return the entries of a catalogue for the actuators of ``settings``.
 
     Raises:
@@ -96,7 +96,9 @@ def _tables(data: Mapping[str, Any], key: str, path: Path) -> Iterator[Mapping[s
     yield from tables
 
 
-def _entry(table: Mapping[str, Any], words: Mapping[str, str], what: str, kind: str) -> Entry:
+def _entry(
+    table: Mapping[str, Any], words: Mapping[str, str], what: str, kind: str
+) -> CatalogueEntry:
     for key, value in table.items():
         if key not in KEYS:
             raise UnknownNameError(f"key of {what},", key, KEYS)
@@ -118,4 +120,4 @@ def _entry(table: Mapping[str, Any], words: Mapping[str, str], what: str, kind: 
     except CanrollError as error:
         raise CanrollError(f"{what}: {error}") from error
     group = GROUPS[kinds.PLACES[faults[0].where]] if kind == SINGLE else DOUBLE
-    return Entry(table["name"], group, text, table["expect"], mode)
+    return CatalogueEntry(table["name"], group, text, table["expect"], mode)

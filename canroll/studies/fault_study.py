@@ -23,8 +23,15 @@ from canroll.runs.metrics import peak
 from canroll.runs.result import Settings
 from canroll.runs.trace import Trace
 from canroll.setup.choices import PASSIVE
-from canroll.setup.controller import Controller
-from canroll.studies.fault_catalogue import CATALOGUE, DETECTED, DOUBLE, GROUPS, Entry, entries
+from canroll.setup.controller import PreparedController
+from canroll.studies.fault_catalogue import (
+    CATALOGUE,
+    DETECTED,
+    DOUBLE,
+    GROUPS,
+    CatalogueEntry,
+    entries,
+)
 from plant_sim.faults import parse
 
 NO_EFFECT = "it changes nothing in this run"
@@ -32,7 +39,7 @@ ALL, SINGLES = "all", "all single"
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class JudgedFault:
     """An entry with what happened.
 
     Attributes:
@@ -42,7 +49,7 @@ class Judged:
         no_verdict: why there is no verdict; empty if there is one.
     """
 
-    entry: Entry
+    entry: CatalogueEntry
     reaction: Reaction | None
     roll_max_deg: float | None
     no_verdict: str
@@ -126,15 +133,15 @@ class Coverage:
 
 
 @dataclass(frozen=True, slots=True)
-class Study:
+class FaultStudy:
     """All judged faults, with the run without any."""
 
     settings: Settings
     reference: Reaction
-    faults: tuple[Judged, ...]
+    faults: tuple[JudgedFault, ...]
 
     @property
-    def undetected(self) -> tuple[Judged, ...]:
+    def undetected(self) -> tuple[JudgedFault, ...]:
         """Those that did harm undetected."""
         return tuple(fault for fault in self.faults if fault.undetected_harm)
 
@@ -194,7 +201,7 @@ class Study:
         }
 
 
-def _coverage(group: str, faults: Sequence[Judged]) -> Coverage:
+def _coverage(group: str, faults: Sequence[JudgedFault]) -> Coverage:
     judged = [fault for fault in faults if not fault.no_verdict]
     times = [
         fault.reaction.detected_after
@@ -217,24 +224,24 @@ def _coverage(group: str, faults: Sequence[Judged]) -> Coverage:
 
 
 @dataclass(frozen=True, slots=True)
-class Loop:
+class StudiedLoop:
     """What the faults act on, with its runs without any: without and with control."""
 
     settings: Settings
-    controller: Controller
+    controller: PreparedController
     passive: Trace
     healthy: Trace
 
 
-def judge(loop: Loop, entry: Entry) -> Judged:
+def judge(loop: StudiedLoop, entry: CatalogueEntry) -> JudgedFault:
     """Drive one fault."""
     settings = replace(loop.settings, faults=(entry.faults,))
     try:
         trace = drive(settings, loop.controller, enabled=True)
     except CanrollError as error:
-        return Judged(entry, None, None, str(error))
+        return JudgedFault(entry, None, None, str(error))
     found = reaction.observe(trace, loop.passive, parse(entry.faults), loop.healthy)
-    return Judged(
+    return JudgedFault(
         entry,
         found,
         float(np.degrees(peak(trace.signals["roll"]))),
@@ -255,7 +262,7 @@ def study(
     catalogue: Path = CATALOGUE,
     cases: Cases = IN_TURN,
     **choices: Any,  # noqa: ANN401
-) -> Study:
+) -> FaultStudy:
     """Drive every fault of the catalogue.
 
     Args:
@@ -275,6 +282,6 @@ def study(
     passive = drive(settings, controller, enabled=False)
     healthy = drive(settings, controller, enabled=True)
     study = cases.of(identity(settings, controller) | {"faults": chosen})
-    loop = study.engine.common(Loop(settings, controller, passive, healthy))
+    loop = study.engine.common(StudiedLoop(settings, controller, passive, healthy))
     faults = study.rows("faults", judge, [(loop, entry) for entry in chosen])
-    return Study(settings, reaction.observe(healthy, passive, ()), tuple(faults))
+    return FaultStudy(settings, reaction.observe(healthy, passive, ()), tuple(faults))

@@ -14,7 +14,7 @@ from canroll.runs import metrics
 from canroll.runs.experiment import drive, limit_cycle_of, maneuver_of, tick_offset_ns
 from canroll.runs.result import Settings
 from canroll.runs.trace import TICK, Trace
-from canroll.setup.controller import Controller
+from canroll.setup.controller import PreparedController
 from firmware.state import SAFE
 from plant_sim import bodies, can_bus
 from plant_sim.world import open_loop
@@ -53,7 +53,7 @@ NEEDED = Kept(
 """What the figures are made from."""
 
 
-def figures(controller: Controller, settings: Iterable[Settings]) -> NDArray[np.void]:
+def figures(controller: PreparedController, settings: Iterable[Settings]) -> NDArray[np.void]:
     """Drive each of ``settings`` without and with control; return one row of FIGURES for each.
 
     The figures are those of :func:`canroll.runs.experiment.simulate`. A row depends on its settings
@@ -65,7 +65,7 @@ def figures(controller: Controller, settings: Iterable[Settings]) -> NDArray[np.
     return np.array([_pair(controller, each) for each in settings], FIGURES)
 
 
-def _pair(controller: Controller, settings: Settings) -> tuple[object, ...]:
+def _pair(controller: PreparedController, settings: Settings) -> tuple[object, ...]:
     passive = without_control(settings, controller)
     controlled = drive(settings, controller, enabled=True, kept=NEEDED)
     cycle = limit_cycle_of(settings, controller, controlled, passive.signals)
@@ -77,7 +77,7 @@ def _pair(controller: Controller, settings: Settings) -> tuple[object, ...]:
     )
 
 
-def without_control(settings: Settings, controller: Controller) -> Trace:
+def without_control(settings: Settings, controller: PreparedController) -> Trace:
     """Return the signals that figures need of the run without control, as far as it is driven.
 
     As in a run, what faults do is measured against a vehicle whose parts are all right.

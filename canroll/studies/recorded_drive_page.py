@@ -7,7 +7,7 @@ import numpy as np
 from canroll.reaction.fault_codes import MODES
 from canroll.report.curves import dash
 from canroll.report.figure import Figure, Series
-from canroll.report.page import Page, Table, Verdict, render
+from canroll.report.page import Page, PageTable, PageVerdict, render
 from canroll.report.tables import number
 from canroll.studies.recorded_drive import RecordedDrive
 from canroll.typing import Vector
@@ -19,7 +19,7 @@ def drive_page(drive: RecordedDrive, source: str, parameters: Sequence[tuple[str
         Page(
             title="Recorded drive",
             subtitle=f"{source}, {drive.seconds:.1f} s, open loop",
-            verdict=Verdict(None, "Open loop", drive.verdict),
+            verdict=PageVerdict(None, "Open loop", drive.verdict),
             warnings=drive.warnings,
             tables=[reception_table(drive), *_events(drive)],
             figures=_figures(drive),
@@ -31,7 +31,7 @@ def drive_page(drive: RecordedDrive, source: str, parameters: Sequence[tuple[str
     )
 
 
-def reception_table(drive: RecordedDrive) -> Table:
+def reception_table(drive: RecordedDrive) -> PageTable:
     """Return the table of frames received by message."""
     rows = [
         (
@@ -43,18 +43,20 @@ def reception_table(drive: RecordedDrive) -> Table:
         for i, heard in enumerate(drive.receptions)
     ]
     note = f"{drive.frames} frames in the log, those of other messages included"
-    return Table("Received", ("message", "frames", "cycle time", "longest gap"), rows, note=note)
+    return PageTable(
+        "Received", ("message", "frames", "cycle time", "longest gap"), rows, note=note
+    )
 
 
-def _events(drive: RecordedDrive) -> list[Table]:
+def _events(drive: RecordedDrive) -> list[PageTable]:
     modes = [(number(change.t, 2, ""), change.mode) for change in drive.modes]
     codes = [
         (seen.name, number(seen.first, 2, ""), number(seen.last, 2, ""), str(seen.ticks))
         for seen in drive.codes
     ]
-    tables = [Table("Modes", ("from (s)", "mode"), modes)]
+    tables = [PageTable("Modes", ("from (s)", "mode"), modes)]
     if codes:
-        tables.append(Table("Fault codes", ("code", "first (s)", "last (s)", "ticks"), codes))
+        tables.append(PageTable("Fault codes", ("code", "first (s)", "last (s)", "ticks"), codes))
     return tables
 
 

@@ -23,10 +23,10 @@ from canroll.runs.metrics import peak, rms
 from canroll.runs.result import Settings
 from canroll.runs.trace import Trace
 from canroll.setup.choices import OF_ONE_MANOEUVRE, PASSIVE, check, chosen
-from canroll.setup.controller import Controller
+from canroll.setup.controller import PreparedController
 from canroll.studies import equal_effort
 from canroll.studies.effort import scaled
-from canroll.studies.equal_effort import Entry, paired, with_stiffer_bar
+from canroll.studies.equal_effort import EffortEntry, paired, with_stiffer_bar
 from canroll.studies.variation import draw, spread_from
 from canroll.table import Table
 
@@ -70,7 +70,7 @@ FIGURES = ("roll_rms", "roll_max", "sideslip_max", "two_wheel_lift")
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class SevereRow:
     """One controller, or none, in one manoeuvre.
 
     Attributes:
@@ -104,10 +104,10 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True)
-class Study:
+class SevereStudy:
     """All rows, and the origin of the compared controllers."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[SevereRow, ...]
     law: str
     vehicles: Mapping[str, str | None]
     actuator: str
@@ -130,7 +130,7 @@ def study(
     manoeuvres: Sequence[Severe] = MANOEUVRES,
     cases: Cases = IN_TURN,
     **choices: Any,  # noqa: ANN401
-) -> Study:
+) -> SevereStudy:
     """Drive every manoeuvre ``runs`` times with every controller.
 
     Args:
@@ -162,10 +162,10 @@ def study(
         bus=chosen(choices, "bus"),
         runs=runs,
         entries=(
-            Entry("passive", "", {"law": PASSIVE}, scaled=False),
-            Entry(BAR, "", {"law": PASSIVE}, scaled=False, best_bar=True),
-            Entry(law, "", {"law": law}),
-            Entry(PLAIN, "", {"law": PLAIN}),
+            EffortEntry("passive", "", {"law": PASSIVE}, scaled=False),
+            EffortEntry(BAR, "", {"law": PASSIVE}, scaled=False, best_bar=True),
+            EffortEntry(law, "", {"law": law}),
+            EffortEntry(PLAIN, "", {"law": PLAIN}),
         ),
         reference=law,
         spread=shares,
@@ -192,7 +192,7 @@ def study(
     for (place, _), of_vehicle in zip(pairs, driven, strict=True):
         figures.setdefault(place, []).append(of_vehicle)
     settings = controlled[0]
-    return Study(
+    return SevereStudy(
         tuple(
             row
             for place, found in figures.items()
@@ -208,15 +208,15 @@ def study(
     )
 
 
-def _rows(where: Severe, names: Sequence[str], found: NDArray[np.float64]) -> Iterator[Row]:
+def _rows(where: Severe, names: Sequence[str], found: NDArray[np.float64]) -> Iterator[SevereRow]:
     """Yield the rows of a manoeuvre from what :func:`drive_all` found of its vehicles."""
     for place, name in enumerate(names):
         own = found[:, place]
-        yield Row(where, name, own[:, :-1], found[:, 0, :-1], int(np.sum(own[:, -1])))
+        yield SevereRow(where, name, own[:, :-1], found[:, 0, :-1], int(np.sum(own[:, -1])))
 
 
 def drive_all(
-    fleet: Sequence[tuple[Settings, Controller]],
+    fleet: Sequence[tuple[Settings, PreparedController]],
     where: Severe,
     index: int,
     spread: Mapping[str, float],
@@ -260,7 +260,7 @@ HEAD = (
 )
 
 
-def lines(found: Study) -> Iterator[tuple[str, ...]]:
+def lines(found: SevereStudy) -> Iterator[tuple[str, ...]]:
     """Yield the rows of the study as texts under :data:`HEAD`, better and worse results alike."""
     for row in found.rows:
         first = row.manoeuvre.title if row.name == "passive" else ""
@@ -279,14 +279,14 @@ def lines(found: Study) -> Iterator[tuple[str, ...]]:
         )
 
 
-def markdown(found: Study) -> list[str]:
+def markdown(found: SevereStudy) -> list[str]:
     """Return the study as a Markdown table."""
     rule = " | ".join("---" if name in ("", *HEAD[:4:3]) else "---:" for name in HEAD)
     head = " | ".join(HEAD).replace("|  |", "| |")
     return [f"| {head} |", f"| {rule} |", *(f"| {' | '.join(row)} |" for row in lines(found))]
 
 
-def to_json(found: Study) -> dict[str, Any]:
+def to_json(found: SevereStudy) -> dict[str, Any]:
     """Return the study as plain data."""
     return {
         "law": found.law,
@@ -300,7 +300,7 @@ def to_json(found: Study) -> dict[str, Any]:
     }
 
 
-def _values(row: Row) -> dict[str, Any]:
+def _values(row: SevereRow) -> dict[str, Any]:
     return {
         "manoeuvre": row.manoeuvre.title,
         "name": row.name,

@@ -30,7 +30,7 @@ from codegen.generated.multiplexing import (
 )
 from codegen.generated.second_signals import valid_codes
 from codegen.generated.signal_code import local_name
-from dbc.reader import Network
+from dbc.reader import NetworkDescription
 from firmware.security.secoc_state import PAYLOAD, SECURED
 from firmware.state import REST
 
@@ -122,7 +122,7 @@ class Frames:
         secoc: names of the signals of authenticated frames, None where they are not.
     """
 
-    network: Network
+    network: NetworkDescription
     map_file: Path
     secoc: Mapping[int, str] | None
 

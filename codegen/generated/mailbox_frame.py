@@ -12,7 +12,7 @@ from cantools.database import Message
 
 import dbc
 from canroll.errors import CanrollError, UnknownNameError
-from dbc.reader import Network, same_identifier
+from dbc.reader import NetworkDescription, same_identifier
 
 OVERRIDES = ("id", "extended", "fd", "bytes", "period_ms")
 """Keys of a mailbox that say of its frame what the DBC lacks or has wrong."""
@@ -23,7 +23,7 @@ STANDARD = (1 << 11) - 1
 _LONGEST_PERIOD = 10_000
 
 
-def frame_of(network: Network, table: Mapping[str, Any], where: str) -> Message:
+def frame_of(network: NetworkDescription, table: Mapping[str, Any], where: str) -> Message:
     """Return the message of a mailbox's table, with what the table says of its frame.
 
     Raises:

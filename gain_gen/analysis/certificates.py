@@ -23,7 +23,7 @@ def largest_eigenvalue(matrix: Matrix) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class LinearPlant:
+class CertifiedPlant:
     """The plant of the inequalities: x' = A x + B u + Bw w, z = C x, y = C1 x."""
 
     a: Matrix
@@ -33,15 +33,15 @@ class LinearPlant:
     c1: Matrix
 
 
-def si_plant(model: RollModel, output: Matrix) -> LinearPlant:
+def si_plant(model: RollModel, output: Matrix) -> CertifiedPlant:
     """Return the roll plant in SI units with measured output ``output``, (1, 2)."""
-    return LinearPlant(
+    return CertifiedPlant(
         state_matrix(model), moment_input(model), disturbance_input(model), PERFORMANCE, output
     )
 
 
 def delay_blocks(
-    plant: LinearPlant,
+    plant: CertifiedPlant,
     *,
     gain: float,
     x: Matrix,
@@ -69,7 +69,7 @@ def delay_blocks(
 
 
 def bounded_real_block(
-    plant: LinearPlant, *, gain: float, x: Matrix, gamma_squared: float
+    plant: CertifiedPlant, *, gain: float, x: Matrix, gamma_squared: float
 ) -> Matrix:
     """Return the delay-free inequality of Redondo 2021, (52), at a point."""
     closed = (plant.a + gain * plant.b @ plant.c1) @ x
@@ -83,7 +83,7 @@ def bounded_real_block(
 
 
 def event_block(
-    plant: LinearPlant,
+    plant: CertifiedPlant,
     *,
     gain: float,
     p: Matrix,
@@ -116,7 +116,7 @@ def event_block(
 
 
 def certified_level(
-    plant: LinearPlant,
+    plant: CertifiedPlant,
     *,
     gain: float,
     p: Matrix,
@@ -165,7 +165,7 @@ def certified_level(
     return float(min(refined.fun, values[best]))
 
 
-def event_small_gain(plant: LinearPlant, *, gain: float, delay: float) -> float:
+def event_small_gain(plant: CertifiedPlant, *, gain: float, delay: float) -> float:
     """Return max |1 / (1 − K e^{−sτ} G)|: a constant delay tolerates ε below its inverse."""
     frequencies = np.geomspace(1e-2, 2e3, 20000)
     s = 1j * frequencies

@@ -27,7 +27,7 @@ from gain_gen.analysis.margins import (
     largest_delay_from,
     nyquist_margins,
 )
-from gain_gen.analysis.sampled_loop import Loop, spectral_radius
+from gain_gen.analysis.sampled_loop import SampledLoop, spectral_radius
 from gain_gen.models.controller import Controller, at_speed, matrices
 from gain_gen.models.linear_car import linear_car
 from gain_gen.models.roll import Matrix, zero_order_hold
@@ -152,7 +152,7 @@ class Member:
         tick = next(iter(self.held.values())).tick
         return zero_order_hold(self.plant.a, self.plant.disturbance, tick)[1]
 
-    def loop(self, controller: Controller, delay: float) -> Loop:
+    def loop(self, controller: Controller, delay: float) -> SampledLoop:
         """Return the loop at any delay in s as matrices, cut at the command, at this speed."""
         plant = self.held.get(delay)
         if plant is None:
@@ -162,7 +162,7 @@ class Member:
         a, b, c = opened(plant, fixed, self.plant.measured)
         disturbance = np.zeros((len(a), 1))
         disturbance[: len(plant.phi)] = self._held_disturbance
-        return Loop(a, b, c, disturbance, plant.tick)
+        return SampledLoop(a, b, c, disturbance, plant.tick)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from math import floor, inf, log10, pi, sqrt
 
 import numpy as np
 
-from gain_gen.analysis.sampled_loop import Loop, loop_gain, spectral_radius
+from gain_gen.analysis.sampled_loop import SampledLoop, loop_gain, spectral_radius
 from gain_gen.models.roll import Matrix
 from gain_gen.models.state_space import Complex
 
@@ -44,13 +44,13 @@ def nyquist_grid(tick: float, points: int = 1500) -> Matrix:
     return np.geomspace(1e-2, pi / tick, points)
 
 
-def margins(loop: Loop) -> Margins:
+def margins(loop: SampledLoop) -> Margins:
     """Return the margins of a sampled loop, interpolated on a dense grid."""
     frequencies = nyquist_grid(loop.tick)
     return nyquist_margins(frequencies, loop_gain(loop, frequencies), loop)
 
 
-def nyquist_margins(frequencies: Matrix, gain: Complex, loop: Loop) -> Margins:
+def nyquist_margins(frequencies: Matrix, gain: Complex, loop: SampledLoop) -> Margins:
     """Return the margins from the loop gain L, negative feedback; ``loop`` decides on stability.
 
     Args:
@@ -117,7 +117,7 @@ def factor_within(
     return low
 
 
-def _stabilising_db(loop: Loop, crossings: list[float]) -> float:
+def _stabilising_db(loop: SampledLoop, crossings: list[float]) -> float:
     """Return the smallest change of an unstable loop's gain that stabilises it, dB."""
     for value in sorted(value for value in crossings if value < -1.0)[::-1]:
         factor = -1.0 / value
@@ -153,7 +153,9 @@ def largest_delay_from(
     return below
 
 
-def largest_sampled_delay(build: Callable[[float], Loop], tick: float, *, limit: float) -> float:
+def largest_sampled_delay(
+    build: Callable[[float], SampledLoop], tick: float, *, limit: float
+) -> float:
     """Return the smallest delay at which the sampled loop from ``build`` is unstable, s."""
     return largest_delay_from(
         0.0, lambda seconds: spectral_radius(build(seconds)) < 1.0, tick, limit=limit

@@ -22,7 +22,7 @@ ROLL, RATE, MOMENT, LATERAL, JERK = range(5)
 
 
 @dataclass(frozen=True, slots=True)
-class Loop:
+class SampledLoop:
     """A sampled closed loop cut where the command leaves the ECU.
 
     x⁺ = A x + B u, u = C x closes it; noise enters through ``noise`` (white, unit variance). The
@@ -81,7 +81,7 @@ def build(
     delay: float,
     lag: float,
     lateral: LateralModel | None = None,
-) -> Loop:
+) -> SampledLoop:
     """Return the loop of ``controller`` with a constant delay from sample to force.
 
     Args:
@@ -104,10 +104,10 @@ def build(
     disturbance = np.zeros((len(loop), 1))
     # white noise over a tick acts almost as its mean held: a_y moves slowly against the tick
     disturbance[: len(a)] = zero_order_hold(a, noise, tick)[1] / np.sqrt(tick)
-    return Loop(loop, b, c, disturbance, tick, apart=(LATERAL, JERK))
+    return SampledLoop(loop, b, c, disturbance, tick, apart=(LATERAL, JERK))
 
 
-def spectral_radius(loop: Loop) -> float:
+def spectral_radius(loop: SampledLoop) -> float:
     """Return the largest modulus of the closed loop's eigenvalues without a disturbance model's.
 
     That model is stable and not controlled; its eigenvalues would hide the loop's own.
@@ -117,7 +117,7 @@ def spectral_radius(loop: Loop) -> float:
     return float(np.abs(eigenvalues).max())
 
 
-def roll_rms(loop: Loop) -> float:
+def roll_rms(loop: SampledLoop) -> float:
     """Return the stationary standard deviation of the roll angle, rad; infinite if unstable."""
     if spectral_radius(loop) >= 1.0:
         return float("inf")
@@ -125,14 +125,14 @@ def roll_rms(loop: Loop) -> float:
     return float(np.sqrt(max(covariance[ROLL, ROLL], 0.0)))
 
 
-def loop_gain(loop: Loop, frequencies: Matrix) -> Complex:
+def loop_gain(loop: SampledLoop, frequencies: Matrix) -> Complex:
     """Return L(e^{jωT}) = −C (z − A)⁻¹ B, negative feedback, at ``frequencies`` in rad/s."""
     z = np.exp(1j * frequencies * loop.tick)
     gain = -(loop.c @ resolvent(loop.a, loop.b, z))
     return np.asarray(gain[:, 0, 0], dtype=complex)
 
 
-def response_peak(loop: Loop, row: Matrix) -> float:
+def response_peak(loop: SampledLoop, row: Matrix) -> float:
     """Return the peak of the closed loop's response from ``noise`` to ``row`` x.
 
     Infinite if the loop is unstable.

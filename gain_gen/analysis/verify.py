@@ -7,7 +7,7 @@ from math import inf
 import numpy as np
 
 from gain_gen.analysis.family import Family, FamilyMargins, FamilyRow
-from gain_gen.analysis.sampled_loop import Loop, build, roll_rms, spectral_radius
+from gain_gen.analysis.sampled_loop import SampledLoop, build, roll_rms, spectral_radius
 from gain_gen.analysis.speed_schedule import Speeds, certified_speed_rate
 from gain_gen.models.controller import Controller
 from gain_gen.models.roll import scaled
@@ -81,7 +81,7 @@ def holds(row: FamilyRow) -> bool:
     return found.gain_db > GAIN_MARGIN_DB and found.sensitivity < PEAK_SENSITIVITY
 
 
-def _roll_loop(task: Task, controller: Controller, delay: float) -> Loop:
+def _roll_loop(task: Task, controller: Controller, delay: float) -> SampledLoop:
     """Return the loop on the roll model of the vehicle's ``design`` part."""
     return build(task.vehicle.design, controller, delay=delay, lag=task.lag, lateral=task.lateral)
 

@@ -13,7 +13,7 @@ from firmware.check import check
 from gain_gen.calibration.calibration_file import VEHICLE
 from gain_gen.calibration.dequantise import physical_rows
 from gain_gen.calibration.monitor_part import unwatched
-from gain_gen.calibration.quantise import Options, Quantised, law_kind, quantise_design
+from gain_gen.calibration.quantise import Quantised, QuantiseOptions, law_kind, quantise_design
 from gain_gen.calibration.record import fill, identify
 from gain_gen.calibration.rounding_error import quantisation_checks
 from gain_gen.calibration.vehicle_part import share_of
@@ -24,13 +24,13 @@ from gain_gen.models.task import Design
 Tables = dict[str, Any]
 
 
-def calibrate(design: Design, options: Options | None = None) -> tuple[Calibration, Tables]:
+def calibrate(design: Design, options: QuantiseOptions | None = None) -> tuple[Calibration, Tables]:
     """Return the ECU's record of ``design`` and the tables that go with it.
 
     Raises:
         CanrollError: a value outside its field's range, or a law that the ECU cannot run.
     """
-    options = options or Options()
+    options = options or QuantiseOptions()
     beyond = unwatched(design.task.vehicle) if options.response_watch else ""
     if beyond:
         options = replace(options, response_watch=False)

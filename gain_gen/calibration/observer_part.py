@@ -3,7 +3,7 @@
 import numpy as np
 
 from firmware import calibration as fw
-from gain_gen.calibration.rows import Q_MEASURED, Q_STATE, Row, quantise_row
+from gain_gen.calibration.rows import Q_MEASURED, Q_STATE, QuantisedRow, quantise_row
 from gain_gen.models.observer import Observer, steady_covariance
 from gain_gen.models.roll import Matrix
 from gain_gen.models.task import Design
@@ -12,7 +12,7 @@ Value = int | list[int] | list[list[int]]
 
 
 def observer_fields(
-    design: Design, rows: dict[str, Row], *, identification: bool
+    design: Design, rows: dict[str, QuantisedRow], *, identification: bool
 ) -> dict[str, Value]:
     """Return model, outputs and constant gains, each row with its own shift.
 
@@ -41,7 +41,7 @@ def observer_fields(
                 bound=fw.STATE_MAX // 2,
             )
             scale[i] = list(full.stored[7:])
-            row = Row(full.stored[:7], full.shift, full.formats[:7], full.error)
+            row = QuantisedRow(full.stored[:7], full.shift, full.formats[:7], full.error)
         else:
             row = quantise_row(values, factors, Q_STATE[i], name=f"phi[{i}]")
         rows[f"phi[{i}]"] = row
@@ -94,7 +94,7 @@ def _taylor_units(tick: float, lateral: float, moment: float) -> Matrix:
 
 
 def _gains(
-    gain: Matrix, measured: int, name: str, rows: dict[str, Row]
+    gain: Matrix, measured: int, name: str, rows: dict[str, QuantisedRow]
 ) -> tuple[list[int], list[int]]:
     """Quantise one correction; every gain has its own shift."""
     entries = [

@@ -11,7 +11,7 @@ from firmware import calibration as fw
 from firmware.state import RX_ACTUATOR_STATE, RX_SUSPENSION_RATE
 from gain_gen.calibration.monitor_part import clock_fields, erratic_fields, response_fields
 from gain_gen.calibration.observer_part import covariance_fields, observer_fields
-from gain_gen.calibration.rows import Q_MEASURED, Q_STATE, Row, quantise_row
+from gain_gen.calibration.rows import Q_MEASURED, Q_STATE, QuantisedRow, quantise_row
 from gain_gen.calibration.vehicle_part import timeouts, vehicle_fields
 from gain_gen.models.controller import Compensator, matrices
 from gain_gen.models.roll import stationary_covariance
@@ -41,7 +41,7 @@ BIAS_MAX = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class QuantiseOptions:
     """Options of a calibration beyond the law.
 
     Attributes:
@@ -79,13 +79,13 @@ class Quantised:
     errors: dict[str, float]
 
 
-def quantise_design(design: Design, options: Options) -> Quantised:
+def quantise_design(design: Design, options: QuantiseOptions) -> Quantised:
     """Return the integers of ``design``.
 
     Raises:
         CanrollError: a coefficient or limit is outside its field's range; the message names it.
     """
-    rows: dict[str, Row] = {}
+    rows: dict[str, QuantisedRow] = {}
     task = design.task
     controller = design.controller
     fields: Fields = {
@@ -131,7 +131,7 @@ def law_kind(design: Design) -> str:
     return "output" if design.controller.output_gain is not None else "state"
 
 
-def _law(design: Design, rows: dict[str, Row]) -> Fields:
+def _law(design: Design, rows: dict[str, QuantisedRow]) -> Fields:
     """The rows of the control law in use; the others stay zero."""
     controller = design.controller
     fields: Fields = {}
@@ -155,7 +155,7 @@ def _law(design: Design, rows: dict[str, Row]) -> Fields:
     return fields
 
 
-def _compensator(compensator: Compensator, rows: dict[str, Row]) -> Fields:
+def _compensator(compensator: Compensator, rows: dict[str, QuantisedRow]) -> Fields:
     """A compensator of n ≤ 8 states; its realisation is already scaled for Q24 states."""
     order, outputs = len(compensator.a), len(compensator.c)
     a = np.zeros((fw.N_ORDER, fw.N_ORDER))
@@ -198,7 +198,7 @@ def _compensator(compensator: Compensator, rows: dict[str, Row]) -> Fields:
     }
 
 
-def _trigger(design: Design, options: Options) -> Fields:
+def _trigger(design: Design, options: QuantiseOptions) -> Fields:
     """Event trigger: relative threshold of the 2022 paper, floor above what noise commands."""
     task = design.task
     floor = TRIGGER_SIGMAS[law_kind(design)] * command_noise(design)

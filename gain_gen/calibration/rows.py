@@ -24,7 +24,7 @@ MAX_SUM = 1 << 62
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class QuantisedRow:
     """One quantised row: stored integers, their common shift, the Q format of each coefficient.
 
     Attributes:
@@ -42,7 +42,7 @@ class Row:
 
 def quantise_row(
     values: Matrix, factors: tuple[int, ...], result: int, *, name: str, bound: int = STATE_MAX
-) -> Row:
+) -> QuantisedRow:
     """Return ``values`` as integers with the finest common shift.
 
     Args:
@@ -59,7 +59,7 @@ def quantise_row(
     if not np.all(np.isfinite(scale)):
         raise CanrollError(f"{name}: a coefficient is not a number")
     if not np.any(scale):
-        return Row((0,) * len(factors), 1, tuple(1 + result - f for f in factors), 0.0)
+        return QuantisedRow((0,) * len(factors), 1, tuple(1 + result - f for f in factors), 0.0)
     for shift in range(MAX_SHIFT, 0, -1):
         if np.abs(scale).max() * 2.0**shift > COEFFICIENT:
             continue
@@ -70,7 +70,7 @@ def quantise_row(
                 abs(value - stored_value * 2.0**-q)
                 for value, stored_value, q in zip(values, stored, formats, strict=True)
             )
-            return Row(tuple(stored), shift, formats, float(error))
+            return QuantisedRow(tuple(stored), shift, formats, float(error))
     raise CanrollError(
         f"{name}: a coefficient of {np.abs(values).max():.4g} exceeds the fixed-point row"
     )

@@ -11,7 +11,7 @@ from flint import fmpq
 from gain_gen.certificate import checker
 from gain_gen.certificate.delay_curve import POINTS, Ellipsoid, ellipsoid, lacking
 from gain_gen.certificate.level import level_points
-from gain_gen.certificate.lyapunov import SLACK, Point, UncertainLoop, feasible, fits
+from gain_gen.certificate.lyapunov import SLACK, LyapunovPoint, UncertainLoop, feasible, fits
 from gain_gen.models.roll import Matrix, zero_order_hold
 
 BITS = 45
@@ -45,14 +45,14 @@ def texts(rows: Matrix, bits: int | None = None) -> list[Any]:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class Reach:
     """Where a delay takes the state: an ellipsoid, without extent for one that does not vary."""
 
     ellipsoid: Ellipsoid
     varies: bool
 
     @classmethod
-    def of(cls, curve: Matrix, *, varies: bool) -> "Place":
+    def of(cls, curve: Matrix, *, varies: bool) -> "Reach":
         """Return the place of a curve, (points, n)."""
         if varies:
             return cls(ellipsoid(curve), varies=True)
@@ -90,7 +90,7 @@ def prove(c: Mapping[str, Any], condition: Mapping[str, Any], wish: Wish) -> dic
     return _first(c, condition, _claim(wish), _tried)
 
 
-def _tried(loop: UncertainLoop) -> list[Point]:
+def _tried(loop: UncertainLoop) -> list[LyapunovPoint]:
     """Return the points of least roll angle among those without saturation."""
     return [point for point in feasible(loop) if fits(loop, point)][:TRIED]
 
@@ -122,7 +122,7 @@ def _first(
     c: Mapping[str, Any],
     condition: Mapping[str, Any],
     claim: dict[str, Any],
-    points: Callable[[UncertainLoop], Iterable[Point]],
+    points: Callable[[UncertainLoop], Iterable[LyapunovPoint]],
 ) -> dict[str, Any] | None:
     """Return the claim with the first of the loop's points that the checker accepts."""
     tick = fmpq(c["tick_us"], 1000000)
@@ -135,7 +135,7 @@ def _first(
     return None
 
 
-def _written(point: Point, places: Sequence[Place]) -> dict[str, Any]:
+def _written(point: LyapunovPoint, places: Sequence[Reach]) -> dict[str, Any]:
     """Return the numbers of a point as texts."""
     delays = iter(point.delays)
     # a delay that does not vary has a place without extent: any multiplier serves
@@ -162,7 +162,7 @@ def uncertain(
     condition: Mapping[str, Any],
     claim: Mapping[str, Any],
     sampled: checker.Sampled,
-) -> tuple[list[Place], UncertainLoop]:
+) -> tuple[list[Reach], UncertainLoop]:
     """Return the places of the delays, and the loop in floating point."""
     a, readings_roll, inputs = (_floats(condition[key]) for key in ("a", "roll", "b"))
     n, b, tick, order = len(a), inputs[:, 0], 1e-6 * c["tick_us"], len(sampled.states)
@@ -177,12 +177,12 @@ def uncertain(
     for column, each in enumerate(claim["disturbances"], size - len(claim["disturbances"])):
         after[:n, column] = held[:, 1 + each["input"]]
     after[:n] += np.outer(lacking(a, b, tick, np.array([tick]))[0], sent)
-    places, jumps = list[Place](), []
+    places, jumps = list[Reach](), []
     for ends, form in zip(sampled.ends, sampled.jumps, strict=True):
         jump = row(form)
         instants = np.linspace(_float(ends[0]), _float(ends[1]), POINTS)
         curve = lacking(a, b, tick, instants)
-        places.append(Place.of(curve, varies=ends[0] < ends[1]))
+        places.append(Reach.of(curve, varies=ends[0] < ends[1]))
         after[:n] += np.outer(places[-1].ellipsoid.centre, jump)
         if places[-1].varies:
             jumps.append(jump)

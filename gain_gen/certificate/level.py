@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize
 
-from gain_gen.certificate.lyapunov import ROOM, Point, UncertainLoop, responses, solved
+from gain_gen.certificate.lyapunov import ROOM, LyapunovPoint, UncertainLoop, responses, solved
 from gain_gen.models.roll import Matrix, stationary_covariance
 
 TRIED = ((0.02, 100.0), (1e-3, 1e3))
@@ -23,7 +23,7 @@ RAISED = (1.003, 1.01, 1.03, 1.1, 1.3)
 """Factors on the least γ² of the grid that are tried."""
 
 
-def level_points(loop: UncertainLoop) -> Iterator[Point]:
+def level_points(loop: UncertainLoop) -> Iterator[LyapunovPoint]:
     """Yield points for the least levels; the last input is the moment, its multiplier γ²."""
     gap = 1.0 - loop.radius**2
     if gap > 0.0:
@@ -31,7 +31,7 @@ def level_points(loop: UncertainLoop) -> Iterator[Point]:
             yield from _points(loop, 1.0 - part * gap, apart)
 
 
-def _points(loop: UncertainLoop, decay: float, apart: float) -> Iterator[Point]:
+def _points(loop: UncertainLoop, decay: float, apart: float) -> Iterator[LyapunovPoint]:
     n, inputs = len(loop.a), loop.inputs.shape[1]
     outputs = np.vstack([loop.jumps, loop.sent, np.r_[loop.roll, np.zeros(inputs)]])
     driven = np.hstack([loop.inputs, *loop.places])

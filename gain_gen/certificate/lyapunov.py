@@ -77,7 +77,7 @@ class UncertainLoop:
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class LyapunovPoint:
     """A point of the inequality.
 
     Attributes:
@@ -97,14 +97,14 @@ class Point:
     w: Matrix
 
 
-def fits(loop: UncertainLoop, point: Point) -> bool:
+def fits(loop: UncertainLoop, point: LyapunovPoint) -> bool:
     """Whether no stored value reaches its limit in the ellipsoid in which the states end."""
     level = np.sqrt(point.inputs @ loop.bounds**2 / (1.0 - point.decay))
     reach = np.sqrt(np.einsum("ij,jk,ik->i", loop.stored, point.w, loop.stored))
     return bool(np.all(level * reach + loop.spread < 1.0))
 
 
-def feasible(loop: UncertainLoop) -> list[Point]:
+def feasible(loop: UncertainLoop) -> list[LyapunovPoint]:
     """Return the points that are feasible among the tried ones, the least roll angle first."""
     gap = 1.0 - loop.radius**2
     if gap <= 0.0:
@@ -181,7 +181,7 @@ def _nominal(loop: UncertainLoop, decay: float) -> _Nominal:
 
 def _point(
     loop: UncertainLoop, nominal: _Nominal, energy: float, scales: Matrix | None = None
-) -> Point | None:
+) -> LyapunovPoint | None:
     n, weights = len(loop.a), nominal.weights
     jumps = np.einsum("ij,jk,ik->i", loop.jumps[:, :n], nominal.covariance, loop.jumps[:, :n])
     delays = energy / (jumps + (loop.jumps[:, n:] ** 2 @ loop.bounds**2))
@@ -198,7 +198,7 @@ def solved(
     sizes: Matrix,
     *,
     performance: float = 0.0,
-) -> Point | None:
+) -> LyapunovPoint | None:
     """Return the point of the least ellipsoid for given multipliers, or None.
 
     Args:
@@ -241,4 +241,4 @@ def solved(
         return None
     p = 0.5 * (p + p.T) / np.outer(sizes, sizes)
     reach = float(np.sqrt((loop.roll * sizes) @ w @ (loop.roll * sizes)))
-    return Point(p, decay, delays, weights, reach, w * np.outer(sizes, sizes))
+    return LyapunovPoint(p, decay, delays, weights, reach, w * np.outer(sizes, sizes))

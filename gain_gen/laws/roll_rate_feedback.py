@@ -6,7 +6,7 @@ from math import exp, log, sqrt
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from gain_gen.analysis.certificates import LinearPlant, bounded_real_block, largest_eigenvalue
+from gain_gen.analysis.certificates import CertifiedPlant, bounded_real_block, largest_eigenvalue
 from gain_gen.analysis.delay_system import h_infinity, largest_delay, rightmost_root
 from gain_gen.laws.declared import law
 from gain_gen.laws.state_feedback import (
@@ -123,9 +123,9 @@ def open_loop_gamma(model: RollModel) -> float:
     return exact_gamma(model, 0.0, 0.0)
 
 
-def normalised_plant(plant: NormalisedPlant) -> LinearPlant:
+def normalised_plant(plant: NormalisedPlant) -> CertifiedPlant:
     """Return the normalised plant in the form of the certificates, roll rate measured."""
-    return LinearPlant(plant.a, plant.b, plant.b_disturbance, plant.performance, ROLL_RATE)
+    return CertifiedPlant(plant.a, plant.b, plant.b_disturbance, plant.performance, ROLL_RATE)
 
 
 @law(gains=("computed", "as_printed"), feedforward="none")

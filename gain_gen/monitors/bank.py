@@ -24,7 +24,7 @@ MEAN = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class ResidualPart:
     """A filtered signal in N·m.
 
     Attributes:
@@ -78,7 +78,7 @@ class Residual:
 class Bank:
     """Parts by name and residuals of one car at one ``tick`` (s)."""
 
-    parts: dict[str, Part]
+    parts: dict[str, ResidualPart]
     residuals: tuple[Residual, ...]
     tick: float
 

@@ -28,7 +28,7 @@ LEAST_SHARE = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class ConstantFault:
     """A constant fault: what a unit of it adds to signals; a moment is reported too large."""
 
     name: str
@@ -37,13 +37,13 @@ class Fault:
 
 
 FAULTS = (
-    Fault("moment of the front axle", "N·m", {"moment_front": 1.0}),
-    Fault("moment of the rear axle", "N·m", {"moment_rear": 1.0}),
-    Fault("lateral acceleration", "m/s²", {"lateral": 1.0}),
-    Fault("roll rate", "rad/s", {"roll_rate": 1.0}),
-    Fault("front stroke rate", "m/s", {"stroke_front": 1.0}),
-    Fault("rear stroke rate", "m/s", {"stroke_rear": 1.0}),
-    Fault("rear stroke rates, both alike", "m/s", {"heave_rear": 1.0}),
+    ConstantFault("moment of the front axle", "N·m", {"moment_front": 1.0}),
+    ConstantFault("moment of the rear axle", "N·m", {"moment_rear": 1.0}),
+    ConstantFault("lateral acceleration", "m/s²", {"lateral": 1.0}),
+    ConstantFault("roll rate", "rad/s", {"roll_rate": 1.0}),
+    ConstantFault("front stroke rate", "m/s", {"stroke_front": 1.0}),
+    ConstantFault("rear stroke rate", "m/s", {"stroke_rear": 1.0}),
+    ConstantFault("rear stroke rates, both alike", "m/s", {"heave_rear": 1.0}),
 )
 
 
@@ -76,7 +76,7 @@ class Detectable:
         inseparable: names of the faults that it is never told apart from.
     """
 
-    fault: Fault
+    fault: ConstantFault
     limits: tuple[Limit, ...]
     isolated: float
     inseparable: tuple[str, ...]
@@ -133,7 +133,7 @@ def detectable(bank: Bank, vehicle: Vehicle) -> tuple[Detectable, ...]:
     )
 
 
-def _limits(bank: Bank, fault: Fault, largest: Mapping[str, float]) -> tuple[Limit, ...]:
+def _limits(bank: Bank, fault: ConstantFault, largest: Mapping[str, float]) -> tuple[Limit, ...]:
     """Return the limits of a fault by residual."""
     limits = []
     for residual in bank.residuals:
@@ -184,7 +184,7 @@ def _signature(limits: Sequence[Limit]) -> set[frozenset[Raised]]:
     }
 
 
-def effect(bank: Bank, residual: Residual, fault: Fault) -> tuple[int, float]:
+def effect(bank: Bank, residual: Residual, fault: ConstantFault) -> tuple[int, float]:
     """Return to which side a unit of a fault moves a residual, and how far beyond its threshold.
 
     The least while it counts, in the best time within :data:`TOLERATED`, in N·m per unit: what is

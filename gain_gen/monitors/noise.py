@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 import dbc
-from gain_gen.monitors.bank import DERIVATIVE, DIRECT, INTEGRAL, Part, Term, ticks_of
+from gain_gen.monitors.bank import DERIVATIVE, DIRECT, INTEGRAL, ResidualPart, Term, ticks_of
 from gain_gen.monitors.uncertainty import Uncertainty
 from vehicles import Vehicle
-from vehicles.equipment import Channel
+from vehicles.equipment import SensorChannel
 
 OF_STEPS = sqrt(pi / 2.0)
 """Standard deviation of steps by their mean magnitude: a lost sample is wrong by a step."""
@@ -36,7 +36,7 @@ def deviations(vehicle: Vehicle, box: Uncertainty) -> dict[str, float]:
     """Return the standard deviation of one sample of each signal, with its frame's resolution."""
     sensors = vehicle.sensors
 
-    def sample(channel: Channel, message: str, signal: str, unit: float = 1.0) -> float:
+    def sample(channel: SensorChannel, message: str, signal: str, unit: float = 1.0) -> float:
         white = box.noise * channel.noise_density * sqrt(channel.bandwidth * pi / 2.0)
         return float(np.hypot(white, unit * _resolution(message, signal) / sqrt(12.0)))
 
@@ -60,7 +60,7 @@ def offsets(vehicle: Vehicle, box: Uncertainty) -> dict[str, float]:
     """Return the largest offset of each signal."""
     sensors = vehicle.sensors
 
-    def largest(channel: Channel) -> float:
+    def largest(channel: SensorChannel) -> float:
         return box.bias * (channel.bias + channel.bias_per_kelvin * box.temperature)
 
     stroke = 2.0 * largest(sensors.suspension_rate)
@@ -72,7 +72,7 @@ def offsets(vehicle: Vehicle, box: Uncertainty) -> dict[str, float]:
     }
 
 
-def response(part: Part, signal: NDArray[np.float64], tick: float) -> NDArray[np.float64]:
+def response(part: ResidualPart, signal: NDArray[np.float64], tick: float) -> NDArray[np.float64]:
     """Return what a part makes of samples of its combined signal (N·m), from rest."""
     weight, share = tick / part.low_pass, 1.0 / part.memory(tick)
     slow = lfilter([weight], [1.0, weight - 1.0], signal)
@@ -83,7 +83,7 @@ def response(part: Part, signal: NDArray[np.float64], tick: float) -> NDArray[np
 
 
 def floor(
-    parts: Mapping[str, Part],
+    parts: Mapping[str, ResidualPart],
     terms: Sequence[Term],
     *,
     vehicle: Vehicle,
@@ -119,7 +119,7 @@ def floor(
     return level(box.alarms_per_hour, memory, passes) * sqrt(variance) + largest
 
 
-def walk(part: Part, box: Uncertainty, tick: float, sigma: float) -> float:
+def walk(part: ResidualPart, box: Uncertainty, tick: float, sigma: float) -> float:
     """Return how far an integral walks at random, N·m per N·m/s of the mean step of its integrand.
 
     ``sigma`` is the standard deviation of what wrongly counts in a tick, by that mean step. The

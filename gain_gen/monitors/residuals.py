@@ -16,8 +16,8 @@ from gain_gen.monitors.bank import (
     MEAN,
     STEP,
     Bank,
-    Part,
     Residual,
+    ResidualPart,
     Term,
 )
 from gain_gen.monitors.linear_car import (
@@ -76,14 +76,14 @@ class Builder:
 
     def __init__(self, car: Car, box: Uncertainty, tick: float) -> None:
         self.car, self.box, self.tick = car, box, tick
-        self.parts: dict[str, Part] = {}
+        self.parts: dict[str, ResidualPart] = {}
         self.residuals: list[Residual] = []
         geometry = car.vehicle.geometry
         self.body_time = 2.0 * LOW_PASS + self.tick
         self.axle_time = geometry.wheelbase / SLOWEST
         self.on_road = min(lifting(car)) / (1.0 + box.height)
 
-    def part(self, part: Part) -> str:
+    def part(self, part: ResidualPart) -> str:
         """Add a part; return its name."""
         self.parts[part.name] = part
         return part.name
@@ -118,7 +118,7 @@ class Builder:
 
     def late(self, washout: float) -> float:
         """Return how far an integral walks for samples that are lost, per mean step."""
-        integral = Part("", INTEGRAL, {}, washout)
+        integral = ResidualPart("", INTEGRAL, {}, washout)
         return walk(integral, self.box, self.tick, OF_STEPS * sqrt(self.box.late))
 
     def body(self) -> None:
@@ -133,14 +133,16 @@ class Builder:
         j = effective_inertia(car, NOMINAL) / LOW_PASS
         late = self.late(SLOW)
         steps = self.part(
-            Part("steps of the springs", STEP, gains=self.strokes(springs, late), low_pass=MEAN)
+            ResidualPart(
+                "steps of the springs", STEP, gains=self.strokes(springs, late), low_pass=MEAN
+            )
         )
         limit = off_stops(car, box)
         for name, washout in (("slow", SLOW), ("fast", FAST)):
             terms = [
                 Term(
                     self.part(
-                        Part(
+                        ResidualPart(
                             f"momentum, {name}", DERIVATIVE, gains={"roll_rate": j}, washout=washout
                         )
                     ),
@@ -149,7 +151,7 @@ class Builder:
                 ),
                 Term(
                     self.part(
-                        Part(
+                        ResidualPart(
                             f"springs, {name}",
                             INTEGRAL,
                             gains=self.strokes(springs),
@@ -161,7 +163,7 @@ class Builder:
                 ),
                 Term(
                     self.part(
-                        Part(
+                        ResidualPart(
                             f"dampers, {name}",
                             DIRECT,
                             gains=self.strokes(car.dampers),
@@ -173,14 +175,16 @@ class Builder:
                 ),
                 Term(
                     self.part(
-                        Part(f"side, {name}", DIRECT, gains={"lateral": car.arm}, washout=washout)
+                        ResidualPart(
+                            f"side, {name}", DIRECT, gains={"lateral": car.arm}, washout=washout
+                        )
                     ),
                     -1,
                     side,
                 ),
                 Term(
                     self.part(
-                        Part(
+                        ResidualPart(
                             f"moments, {name}",
                             DIRECT,
                             gains={"moment_front": 1.0, "moment_rear": 1.0},
@@ -209,12 +213,12 @@ class Builder:
         names = ("mass", "height", "stiffness", "speed")
         gain, m = tilted(car, NOMINAL), car.arm
         apart = deviation(lambda f: f.speed * tilted(car, f), box, names)
-        turn = self.part(Part("turn", DIRECT, gains={"turning": gain * m, "lateral": -m}))
-        turning = self.part(Part("turning", DIRECT, gains={"turning": gain * m}))
-        steer = self.part(Part("steer", DIRECT, gains={"steered": gain * m, "lateral": -m}))
-        angle = self.part(Part("steered", DIRECT, gains={"steered": gain * m}))
+        turn = self.part(ResidualPart("turn", DIRECT, gains={"turning": gain * m, "lateral": -m}))
+        turning = self.part(ResidualPart("turning", DIRECT, gains={"turning": gain * m}))
+        steer = self.part(ResidualPart("steer", DIRECT, gains={"steered": gain * m, "lateral": -m}))
+        angle = self.part(ResidualPart("steered", DIRECT, gains={"steered": gain * m}))
         change = self.part(
-            Part(
+            ResidualPart(
                 "change of steering", DERIVATIVE, gains={"steered": gain * m}, low_pass=box.response
             )
         )
@@ -237,10 +241,10 @@ class Builder:
         """
         car, box = self.car, self.box
         damping = car.vehicle.design.roll_damping
-        rate = self.part(Part("roll rate", DIRECT, gains={"roll_rate": damping}))
+        rate = self.part(ResidualPart("roll rate", DIRECT, gains={"roll_rate": damping}))
         per = [rolled(car, axle, NOMINAL) / car.tracks[axle] for axle in range(2)]
         apart = self.part(
-            Part(
+            ResidualPart(
                 "suspensions apart",
                 DIRECT,
                 gains={"stroke_front": damping * per[0], "stroke_rear": -damping * per[1]},
@@ -250,7 +254,7 @@ class Builder:
         if moments:
             tyres = damping / LOW_PASS
             moved = self.part(
-                Part(
+                ResidualPart(
                     "moments on the tyres",
                     DERIVATIVE,
                     gains={
@@ -262,7 +266,7 @@ class Builder:
             terms.append(Term(moved, 0, 1.0))
         for axle, name in enumerate(("front", "rear")):
             difference = self.part(
-                Part(
+                ResidualPart(
                     f"gyro less {name}",
                     DIRECT,
                     gains={"roll_rate": damping, f"stroke_{name}": -damping * per[axle]},
@@ -291,7 +295,7 @@ class Builder:
         tyre = car.tyres[0]
         lateral, yaw, carried = axle_forces(vehicle, scale)
         stretch = self.part(
-            Part(
+            ResidualPart(
                 "suspensions and tyres apart",
                 INTEGRAL,
                 gains=self.strokes((springs[0] + tyre, -springs[1] - tyre)),
@@ -299,10 +303,12 @@ class Builder:
             )
         )
         bump = self.part(
-            Part("rate apart", DIRECT, gains=self.strokes((tyre, -tyre), box.bump), washout=AXLES)
+            ResidualPart(
+                "rate apart", DIRECT, gains=self.strokes((tyre, -tyre), box.bump), washout=AXLES
+            )
         )
         damped = self.part(
-            Part(
+            ResidualPart(
                 "dampers apart",
                 DIRECT,
                 gains=self.strokes((car.dampers[0], -scale[1] * car.dampers[1])),
@@ -310,26 +316,31 @@ class Builder:
             )
         )
         side = self.part(
-            Part("forces at the roll centres", DIRECT, gains={"lateral": lateral}, washout=AXLES)
+            ResidualPart(
+                "forces at the roll centres", DIRECT, gains={"lateral": lateral}, washout=AXLES
+            )
         )
         centres = self.part(
-            Part(
+            ResidualPart(
                 "roll centres", DIRECT, gains={"lateral": carried * box.roll_centre}, washout=AXLES
             )
         )
-        front = self.part(Part("front moment", DIRECT, gains={"moment_front": 1.0}, washout=AXLES))
+        front = self.part(
+            ResidualPart("front moment", DIRECT, gains={"moment_front": 1.0}, washout=AXLES)
+        )
         rear = self.part(
-            Part("rear moment", DIRECT, gains={"moment_rear": scale[1]}, washout=AXLES)
+            ResidualPart("rear moment", DIRECT, gains={"moment_rear": scale[1]}, washout=AXLES)
         )
         turned = self.part(
-            Part("yaw at the roll centres", DERIVATIVE, gains={"yaw_rate": yaw / LOW_PASS})
+            ResidualPart("yaw at the roll centres", DERIVATIVE, gains={"yaw_rate": yaw / LOW_PASS})
         )
         road = self.part(
-            Part(
+            ResidualPart(
                 "steps apart",
                 STEP,
                 gains=self.strokes(
-                    (tyre, -tyre), walk(Part("", INTEGRAL, {}, AXLES), box, self.tick, OF_RATE)
+                    (tyre, -tyre),
+                    walk(ResidualPart("", INTEGRAL, {}, AXLES), box, self.tick, OF_RATE),
                 ),
                 low_pass=MEAN,
             )
@@ -354,10 +365,12 @@ class Builder:
             "heave_front": suspension.spring_rate_front,
             "heave_rear": suspension.spring_rate_rear,
         }
-        carried = self.part(Part("carried by the springs", INTEGRAL, gains=rates, washout=SLOW))
+        carried = self.part(
+            ResidualPart("carried by the springs", INTEGRAL, gains=rates, washout=SLOW)
+        )
         factor = self.late(SLOW)
         steps = self.part(
-            Part(
+            ResidualPart(
                 "steps of heave",
                 STEP,
                 gains={name: factor * rate for name, rate in rates.items()},

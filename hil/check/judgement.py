@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.check.loops import ECU, PLANT, SPARE, Loop
-from hil.check.machine import Core, Counters, Machine
+from hil.check.loops import ECU, PLANT, SPARE, LoopTimes
+from hil.check.machine import Core, Counters, HostMachine
 from hil.check.round_trip import RoundTrip
 
 TICKS_MS = (20.0, 10.0, 5.0, 2.0, 1.0)
@@ -37,8 +37,8 @@ class Measurements:
         resolution_ns: resolution of the loops' clock.
     """
 
-    machine: Machine
-    loops: Sequence[Loop]
+    machine: HostMachine
+    loops: Sequence[LoopTimes]
     bus: RoundTrip
     seconds: float
     counted: Counters
@@ -46,7 +46,7 @@ class Measurements:
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class CheckFinding:
     """A cause of longer ticks, read or measured, with its remedy."""
 
     what: str
@@ -79,7 +79,7 @@ def shortest_ms(seen: Measurements) -> float | None:
     return min((tick for tick in TICKS_MS if holds(seen, tick)), default=None)
 
 
-def findings(seen: Measurements) -> list[Finding]:
+def findings(seen: Measurements) -> list[CheckFinding]:
     """Return the causes of late wake-ups, each with its remedy."""
     return [
         *_refused(seen),
@@ -91,7 +91,7 @@ def findings(seen: Measurements) -> list[Finding]:
     ]
 
 
-def _refused(seen: Measurements) -> list[Finding]:
+def _refused(seen: Measurements) -> list[CheckFinding]:
     """Return the settings refused by the system, merged if the same on every core."""
     found = {note: None for loop in seen.loops for note in loop.notes}
     machine = seen.machine
@@ -103,17 +103,17 @@ def _refused(seen: Measurements) -> list[Finding]:
     for note in found:
         what, _, remedy = note.partition(": ")
         limit = next((text for start, text in limits.items() if note.startswith(start)), None)
-        result.append(Finding(f"{what}, {limit}" if limit else what, remedy))
+        result.append(CheckFinding(f"{what}, {limit}" if limit else what, remedy))
     return result
 
 
-def _one_core(seen: Measurements) -> list[Finding]:
+def _one_core(seen: Measurements) -> list[CheckFinding]:
     if len(seen.machine.cores) > 1:
         return []
-    return [Finding("one core for ECU and plant", "a machine, or an affinity mask, with two")]
+    return [CheckFinding("one core for ECU and plant", "a machine, or an affinity mask, with two")]
 
 
-def _cores(seen: Measurements) -> list[Finding]:
+def _cores(seen: Measurements) -> list[CheckFinding]:
     """Return findings on the settings of the run's cores and their use by other programs."""
     found = []
     for core in seen.machine.cores:
@@ -122,14 +122,14 @@ def _cores(seen: Measurements) -> list[Finding]:
             continue
         if core.governor not in (None, "performance"):
             found.append(
-                Finding(
+                CheckFinding(
                     f"core {core.number} has the frequency governor '{core.governor}'",
                     f"cpupower -c {core.number} frequency-set -g performance",
                 )
             )
         if core.idle_exit_us >= IDLE_EXIT_US:
             found.append(
-                Finding(
+                CheckFinding(
                     f"core {core.number} may sleep in {core.idle_state}, "
                     f"{core.idle_exit_us} µs to wake",
                     f"cpupower -c {core.number} idle-set -D {IDLE_EXIT_US - 1}",
@@ -141,35 +141,35 @@ def _cores(seen: Measurements) -> list[Finding]:
     return found
 
 
-def _others(core: Core, share: float) -> Finding:
+def _others(core: Core, share: float) -> CheckFinding:
     what = f"other programs used {100 * share:.0f} % of core {core.number}"
     if core.isolated:
-        return Finding(
+        return CheckFinding(
             what, "it is isolated, so they were assigned to it: see 'ps -eLo psr,pid,comm'"
         )
-    return Finding(what, f"end them, or boot with isolcpus={core.number}")
+    return CheckFinding(what, f"end them, or boot with isolcpus={core.number}")
 
 
-def _stolen(seen: Measurements) -> list[Finding]:
+def _stolen(seen: Measurements) -> list[CheckFinding]:
     used = {loop.place.core for loop in seen.loops if loop.place.role != SPARE}
     stolen = sum(s for core, s in seen.counted.steal.items() if core in used or None in used)
     if stolen <= 0:
         return []
     return [
-        Finding(
+        CheckFinding(
             f"the hypervisor took {1e3 * stolen:.0f} ms from the cores in {seen.seconds:.1f} s",
             "give the virtual machine exclusive cores, or use a real one",
         )
     ]
 
 
-def _limited(seen: Measurements) -> list[Finding]:
+def _limited(seen: Measurements) -> list[CheckFinding]:
     machine = seen.machine
     found = []
     if machine.quota is not None and machine.quota < 2:
         throttled = seen.counted.throttled
         found.append(
-            Finding(
+            CheckFinding(
                 f"the control group may use {machine.quota:g} cores, throttled {throttled} times",
                 "lift its quota (cpu.max, docker --cpus)",
             )
@@ -177,7 +177,7 @@ def _limited(seen: Measurements) -> list[Finding]:
     used = max((loop.own_s for loop in seen.loops), default=0.0) / max(seen.seconds, 1e-9)
     if machine.rt_runtime is not None and used > machine.rt_runtime:
         found.append(
-            Finding(
+            CheckFinding(
                 f"real-time processes may use {100 * machine.rt_runtime:.0f} % of the time "
                 f"and a loop used {100 * used:.0f} %",
                 "sysctl kernel.sched_rt_runtime_us=-1",
@@ -186,25 +186,25 @@ def _limited(seen: Measurements) -> list[Finding]:
     return found
 
 
-def _timer(seen: Measurements) -> list[Finding]:
+def _timer(seen: Measurements) -> list[CheckFinding]:
     found = []
     slack = max((loop.slack_ns or 0 for loop in seen.loops), default=0)
     # the slack of a real-time process is not used, whatever it says
     ordinary = any(note.startswith("no real-time priority") for x in seen.loops for note in x.notes)
     if ordinary and slack > SLACK_NS:
         found.append(
-            Finding(f"timers may be {slack / 1000:g} µs late (slack)", "real-time priority")
+            CheckFinding(f"timers may be {slack / 1000:g} µs late (slack)", "real-time priority")
         )
     if seen.resolution_ns > 1000:
         found.append(
-            Finding(
+            CheckFinding(
                 f"the clock moves in steps of {seen.resolution_ns / 1000:g} µs",
                 "boot with highres=on",
             )
         )
     source = seen.machine.clocksource
     if source in ("hpet", "acpi_pm", "jiffies", "refined-jiffies"):
-        found.append(Finding(f"the clock source is {source}", "boot with clocksource=tsc"))
+        found.append(CheckFinding(f"the clock source is {source}", "boot with clocksource=tsc"))
     return found
 
 

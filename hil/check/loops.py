@@ -33,7 +33,7 @@ Times = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
-class Ticks:
+class TickInputs:
     """Input of the firmware: one list of received frames per tick, and what makes that firmware.
 
     ``key`` is that of authenticated frames, on a bus that has them.
@@ -48,7 +48,7 @@ class Ticks:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class Placement:
     """Placement of a loop: core (None: not pinned), its role in a run, SCHED_FIFO priority."""
 
     core: int | None
@@ -57,7 +57,7 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True)
-class Loop:
+class LoopTimes:
     """Measurements of one loop.
 
     Attributes:
@@ -70,7 +70,7 @@ class Loop:
         notes: settings refused by the system.
     """
 
-    place: Place
+    place: Placement
     late_ns: Times
     ticks_ns: Times = field(default_factory=lambda: np.zeros(0, np.int64))
     overshoot_ns: Times = field(default_factory=lambda: np.zeros(0, np.int64))
@@ -80,7 +80,7 @@ class Loop:
     notes: tuple[str, ...] = ()
 
 
-def measure(places: Sequence[Place], seconds: float, ticks: Ticks) -> list[Loop]:
+def measure(places: Sequence[Placement], seconds: float, ticks: TickInputs) -> list[LoopTimes]:
     """Run a loop at each of ``places``, all at the same time, for ``seconds``.
 
     Raises:
@@ -95,7 +95,9 @@ def measure(places: Sequence[Place], seconds: float, ticks: Ticks) -> list[Loop]
         return [child.receive(START + seconds) for child in children]
 
 
-def _loop(send: Send, together: Barrier, place: Place, seconds: float, ticks: Ticks | None) -> None:
+def _loop(
+    send: Send, together: Barrier, place: Placement, seconds: float, ticks: TickInputs | None
+) -> None:
     notes = prepare(cpu=place.core, priority=place.priority)
     ecu = None
     if ticks is not None:
@@ -134,7 +136,7 @@ def _loop(send: Send, together: Barrier, place: Place, seconds: float, ticks: Ti
     counted = None if ecu is None else counters().since(before)
     found = int(TIMER_SLACK.read_text(encoding="ascii")) if TIMER_SLACK.exists() else None
     naps = _naps()
-    send(Loop(place, late[:count], took[:done], naps, found, used, counted, tuple(notes)))
+    send(LoopTimes(place, late[:count], took[:done], naps, found, used, counted, tuple(notes)))
 
 
 def _naps() -> Times:

@@ -35,7 +35,7 @@ class Core:
 
 
 @dataclass(frozen=True, slots=True)
-class Machine:
+class HostMachine:
     """Settings of the whole machine.
 
     Attributes:
@@ -78,7 +78,7 @@ class Counters:
         )
 
 
-def read(numbers: Iterable[int], root: Path = Path("/")) -> Machine:
+def read(numbers: Iterable[int], root: Path = Path("/")) -> HostMachine:
     """Read the settings of the machine and its cores; ``root`` contains /proc and /sys."""
     isolated = core_list(_text(root / "sys/devices/system/cpu/isolated") or "")
     runtime = _number(root / "proc/sys/kernel/sched_rt_runtime_us")
@@ -89,7 +89,7 @@ def read(numbers: Iterable[int], root: Path = Path("/")) -> Machine:
     name = os.uname()
     flags = _text(root / "proc/cpuinfo") or ""
     locked = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
-    return Machine(
+    return HostMachine(
         cores=tuple(_core(root, number, number in isolated) for number in numbers),
         kernel=f"{name.release} {name.version}",
         realtime_kernel=_text(root / "sys/kernel/realtime") == "1",

@@ -10,12 +10,12 @@ import numpy as np
 from canroll.errors import CanrollError
 from canroll.runs.result import Settings
 from canroll.runs.traffic import record_traffic
-from canroll.setup.controller import Controller
+from canroll.setup.controller import PreparedController
 from hil import timing
 from hil.bus_link import Frame
 from hil.check import judgement, loops, machine, round_trip
 from hil.check.judgement import Measurements
-from hil.check.loops import Place, Ticks
+from hil.check.loops import Placement, TickInputs
 from hil.process import ECU_PRIORITY, PLANT_PRIORITY, cores
 from hil.session import choose_cores
 
@@ -30,7 +30,7 @@ DRIVEN_S = 2.0
 
 def measure(
     settings: Settings,
-    controller: Controller,
+    controller: PreparedController,
     bus: argparse.Namespace | None,
     *,
     duration: float = DURATION,
@@ -69,21 +69,24 @@ def measure(
     )
 
 
-def _places() -> list[Place]:
+def _places() -> list[Placement]:
     """Return the placement of loops: the run's cores as in a run, and all others."""
     chosen = choose_cores()
     if chosen is None:
-        return [Place(None, loops.PLANT, PLANT_PRIORITY), Place(None, loops.ECU, ECU_PRIORITY)]
+        return [
+            Placement(None, loops.PLANT, PLANT_PRIORITY),
+            Placement(None, loops.ECU, ECU_PRIORITY),
+        ]
     plant, ecu = chosen
     spare = [core for core in cores() if core not in chosen][-(MOST_CORES - 2) :]
     return [
-        *(Place(core, loops.SPARE, PLANT_PRIORITY) for core in spare),
-        Place(plant, loops.PLANT, PLANT_PRIORITY),
-        Place(ecu, loops.ECU, ECU_PRIORITY),
+        *(Placement(core, loops.SPARE, PLANT_PRIORITY) for core in spare),
+        Placement(plant, loops.PLANT, PLANT_PRIORITY),
+        Placement(ecu, loops.ECU, ECU_PRIORITY),
     ]
 
 
-def _driven(settings: Settings, controller: Controller) -> Ticks:
+def _driven(settings: Settings, controller: PreparedController) -> TickInputs:
     """Return the frames received by the ECU in the manoeuvre, tick by tick."""
     firmware = settings.firmware
     traffic = record_traffic(settings, controller, DRIVEN_S)
@@ -95,7 +98,7 @@ def _driven(settings: Settings, controller: Controller) -> Ticks:
         if first and event["tick"] < len(received):
             payload = bytes(event["payload"][: event["length"]])
             received[event["tick"]].append((box.ident, payload))
-    return Ticks(
+    return TickInputs(
         settings.backend,
         controller.record,
         received,

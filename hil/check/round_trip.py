@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hil import own_bus
 from hil.bus_link import CanLink, Link, open_link, options_of, parsed_options
-from hil.check.loops import Place
+from hil.check.loops import Placement
 from hil.check.workers import Child, Send, ended
 from hil.hardware.interfaces import is_shared
 from hil.process import collector_off, prepare
@@ -52,7 +52,9 @@ class RoundTrip:
     missing: str | None = None
 
 
-def measure(bus: argparse.Namespace | None, seconds: float, near: Place, far: Place) -> RoundTrip:
+def measure(
+    bus: argparse.Namespace | None, seconds: float, near: Placement, far: Placement
+) -> RoundTrip:
     """Time round trips for ``seconds``.
 
     Args:
@@ -81,7 +83,7 @@ def _name(bus: argparse.Namespace) -> str:
     return f"{name} {channel}".strip()
 
 
-def _echo(send: Send, bus: argparse.Namespace | None, place: Place) -> None:
+def _echo(send: Send, bus: argparse.Namespace | None, place: Placement) -> None:
     """Answer every ping, after sending the options of a bus that the other side can join."""
     if bus is None:
         server = own_bus.serve("127.0.0.1:0")
@@ -101,7 +103,7 @@ def _answer(bus: Link) -> NoReturn:
             bus.send(PONG, frame[1])
 
 
-def _trips(send: Send, bus: argparse.Namespace, seconds: float, place: Place) -> None:
+def _trips(send: Send, bus: argparse.Namespace, seconds: float, place: Placement) -> None:
     link = open_link(bus)
     prepare(cpu=place.core, priority=place.priority)
     time.sleep(QUIET)
@@ -140,7 +142,7 @@ def _came_back(link: CanLink, payload: bytes, until_ns: int) -> bool:
     return False
 
 
-def _polls(send: Send, bus: argparse.Namespace, place: Place) -> None:
+def _polls(send: Send, bus: argparse.Namespace, place: Placement) -> None:
     link = open_link(bus)
     prepare(cpu=place.core, priority=place.priority)
     polls = _time_polls(link)

@@ -42,7 +42,7 @@ _ENTRY = struct.Struct("<qqIBBxx8s")
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class RecordOrigin:
     """Origin of a record.
 
     Attributes:
@@ -60,15 +60,15 @@ class Source:
     classified: bool
 
 
-def source(name: str, channel: str, clock: tuple[str, bool], bitrate: int | None) -> Source:
+def source(name: str, channel: str, clock: tuple[str, bool], bitrate: int | None) -> RecordOrigin:
     """Return the description of an interface as a source."""
-    return Source(f"{name} {channel}".strip(), *clock, bitrate, name in CLASSIFIED)
+    return RecordOrigin(f"{name} {channel}".strip(), *clock, bitrate, name in CLASSIFIED)
 
 
 class BusRecord:
     """Memory for ``room`` frames; recording ends when it is full."""
 
-    def __init__(self, source: Source, room: int = ROOM) -> None:
+    def __init__(self, source: RecordOrigin, room: int = ROOM) -> None:
         self.source = source
         self._memory = bytearray(_ENTRY.size * room)
         self._end = 0

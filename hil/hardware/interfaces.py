@@ -16,7 +16,7 @@ ADAPTER = "the adapter's own"
 
 
 @dataclass(frozen=True, slots=True)
-class Interface:
+class CanInterface:
     """One of python-can's interfaces.
 
     Attributes:
@@ -37,18 +37,18 @@ class Interface:
 
 
 INTERFACES = {
-    "socketcan": Interface(
+    "socketcan": CanInterface(
         "-i socketcan -c can0 -b 500000",
         "Linux, and the interface up: sudo ip link set can0 up type can bitrate 500000",
         KERNEL,
         shared=True,
     ),
-    "slcan": Interface(
+    "slcan": CanInterface(
         "-i slcan -c /dev/ttyACM0 -b 500000",
         "pyserial: pip install 'python-can[serial]'; on Linux membership of the group dialout",
         HOST,
     ),
-    "pcan": Interface(
+    "pcan": CanInterface(
         "-i pcan -c PCAN_USBBUS1 -b 500000",
         "PEAK's driver and PCAN-Basic (libpcanbasic.so, PCANBasic.dll); on Linux the kernel drives "
         "these adapters as -i socketcan without either",
@@ -58,33 +58,33 @@ INTERFACES = {
             250_000, 500_000, 800_000, 1_000_000,
         ),
     ),
-    "kvaser": Interface(
+    "kvaser": CanInterface(
         "-i kvaser -c 0 -b 500000",
         "Kvaser's driver with CANlib (libcanlib.so, canlib32.dll); on Linux the kernel drives "
         "these adapters as -i socketcan without it",
         ADAPTER,
         echoes=True,
     ),
-    "vector": Interface(
+    "vector": CanInterface(
         "-i vector -c 0 -b 500000 --bus-kwargs app_name=canroll",
         "Windows, Vector's driver with the XL Driver Library (vxlapi64.dll), and the channel given "
         "to the application in Vector Hardware Config",
         ADAPTER,
     ),
-    "gs_usb": Interface(
+    "gs_usb": CanInterface(
         "-i gs_usb -c 0 -b 500000",
         "gs-usb and libusb: pip install 'python-can[gs-usb]'; on Linux the kernel drives these "
         "adapters as -i socketcan without either",
         ADAPTER,
         echoes=True,
     ),
-    "socketcand": Interface(
+    "socketcand": CanInterface(
         "-i socketcand -c can0 --bus-kwargs host=192.168.0.10 port=29536",
         "a socketcand server at the other end: 'canroll plant' is one",
         "the server's",
         shared=True,
     ),
-    "udp_multicast": Interface(
+    "udp_multicast": CanInterface(
         "-i udp_multicast -c 239.74.163.2 --bus-kwargs port=43113",
         "msgpack: pip install 'python-can[multicast]'",
         KERNEL,

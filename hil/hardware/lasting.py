@@ -17,18 +17,18 @@ from firmware.security.secoc_state import RESET_MAX
 
 
 @dataclass(frozen=True, slots=True)
-class Memory:
+class LastingCounts:
     """Starts of a program so far, and of each sender that it knows."""
 
     starts: int = 0
     senders: Mapping[str, int] = field(default_factory=dict)
 
 
-FIRST = Memory()
+FIRST = LastingCounts()
 """That of a program that was never started."""
 
 
-def read(path: Path | None) -> Memory:
+def read(path: Path | None) -> LastingCounts:
     """Return the memory in a file; that of the first start without one.
 
     Raises:
@@ -44,10 +44,10 @@ def read(path: Path | None) -> Memory:
     for name, value in {"starts": data["starts"], **data["senders"]}.items():
         if type(value) is not int or not 0 <= value <= RESET_MAX:
             raise CanrollError(f"{path}: {name} must be a whole number from 0 to {RESET_MAX}")
-    return Memory(data["starts"], data["senders"])
+    return LastingCounts(data["starts"], data["senders"])
 
 
-def write(path: Path | None, memory: Memory) -> None:
+def write(path: Path | None, memory: LastingCounts) -> None:
     """Write the memory to a file, if there is one.
 
     Raises:
@@ -62,13 +62,13 @@ def write(path: Path | None, memory: Memory) -> None:
         part.replace(path)
 
 
-def of_ecu(memory: Memory, firmware: BusFirmware) -> Lasting:
+def of_ecu(memory: LastingCounts, firmware: BusFirmware) -> Lasting:
     """Return the memory as the ECU's mailboxes have it."""
     boxes = firmware.bus.received
     return Lasting(memory.starts, tuple(memory.senders.get(box.name, 0) for box in boxes))
 
 
-def by_name(lasting: Lasting, firmware: BusFirmware) -> Memory:
+def by_name(lasting: Lasting, firmware: BusFirmware) -> LastingCounts:
     """Return the memory of an ECU with the messages' names."""
     named = zip(firmware.bus.received, lasting.senders, strict=False)
-    return Memory(lasting.starts, {box.name: starts for box, starts in named if box.name})
+    return LastingCounts(lasting.starts, {box.name: starts for box, starts in named if box.name})

@@ -25,7 +25,7 @@ CONTROLLER, VEHICLE = "controller", "vehicle"
 IMU_TO_COMMAND, COMMAND_TO_ACKNOWLEDGEMENT = "imu_to_command", "command_to_acknowledgement"
 
 
-class Seen(NamedTuple):
+class ObservedFrame(NamedTuple):
     """Contents of one frame: instant (s), message, sender's side, values, delays (s), length.
 
     ``side`` is None for frames outside the contract; delays are those that end with the frame.
@@ -72,7 +72,7 @@ class Observation:
     _first: float | None = None
     _now: float = 0.0
 
-    def see(self, t: float, frame: Frame, flags: int = 0) -> Seen:
+    def see(self, t: float, frame: Frame, flags: int = 0) -> ObservedFrame:
         """Process a frame received at ``t`` seconds.
 
         ``flags`` are those of :mod:`plant_sim.can_bus.wire.frame`.
@@ -106,7 +106,7 @@ class Observation:
         if self._first is None:
             self._first = t
         self.pass_time(t)
-        return Seen(t, name, side, values, delays, bits)
+        return ObservedFrame(t, name, side, values, delays, bits)
 
     def _time(self, t: float, name: str, values: Mapping[str, Any]) -> dict[str, float]:
         """Return the delays that end with a frame, by name, s."""

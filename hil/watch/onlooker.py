@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import can
 
 from hil.bus_link import CanLink
-from hil.watch.observation import Observation, Seen
+from hil.watch.observation import Observation, ObservedFrame
 from plant_sim.can_bus.traffic.log_reader import flags_of
 
 LEAP = 5.0
@@ -64,11 +64,11 @@ class Onlooker:
     seen: Observation
     _clock: BusClock = field(default_factory=lambda: BusClock(time.monotonic()))
 
-    def look(self) -> list[Seen]:
+    def look(self) -> list[ObservedFrame]:
         """Process all frames waiting on the bus."""
         return self.take(self.link.messages())
 
-    def take(self, messages: Iterable[can.Message]) -> list[Seen]:
+    def take(self, messages: Iterable[can.Message]) -> list[ObservedFrame]:
         """Process messages just received; error frames are only counted."""
         messages = list(messages)
         frames = [message for message in messages if not message.is_error_frame]

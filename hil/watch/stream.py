@@ -19,7 +19,7 @@ from hil.watch.observation import (
     SILENT,
     VEHICLE,
     Observation,
-    Seen,
+    ObservedFrame,
 )
 
 KEPT = 60.0
@@ -73,7 +73,7 @@ class LiveStream:
         """End of the time axis, s: shortly after the last frame, so that a run stays in view."""
         return self._now if self._last is None else min(self._now, self._last + AFTER)
 
-    def add(self, seen: Iterable[Seen], now: float) -> None:
+    def add(self, seen: Iterable[ObservedFrame], now: float) -> None:
         """Add the frames seen up to ``now`` seconds."""
         for frame in seen:
             self._hear(frame)
@@ -131,14 +131,14 @@ class LiveStream:
         rounded = [None if value is None else round(value, 4) for value in values]
         self._fresh.setdefault(name, []).append([round(t, 4), *rounded])
 
-    def _row_of(self, frame: Seen) -> None:
+    def _row_of(self, frame: ObservedFrame) -> None:
         for name, (message, signals) in TRACKS.items():
             if message == frame.message and signals[0] in frame.values:
                 self._put(name, frame.t, *(_number(s, frame.values[s]) for s in signals))
         for name, delay in frame.delays.items():
             self._put(name, frame.t, 1e3 * delay)
 
-    def _changes(self, frame: Seen) -> None:
+    def _changes(self, frame: ObservedFrame) -> None:
         """Record changes of mode and of active fault codes."""
         if frame.message == "RollControlStatus" and "Mode" in frame.values:
             mode = str(frame.values["Mode"])
@@ -167,7 +167,7 @@ class LiveStream:
         self._active, self._latched = active, latched | active
         self._diagnosed = self._told is not None
 
-    def _hear(self, frame: Seen) -> None:
+    def _hear(self, frame: ObservedFrame) -> None:
         """Record sides heard for the first time, or again."""
         if frame.side is None:
             return

@@ -11,7 +11,7 @@ from plant_sim.buses.topology import (
     NODES,
     BusGateway,
     BusSegment,
-    Spread,
+    TimeSpread,
     Topology,
     check_segment,
     check_times,
@@ -73,7 +73,7 @@ class BusProfile:
         low, high = (int(latency * _MS) for latency in self.gateway_ms)
         return Topology(
             (replace(one, name="ecu"), replace(one, name="vehicle")),
-            (BusGateway("gateway", (0, 1), Spread(low, high)),),
+            (BusGateway("gateway", (0, 1), TimeSpread(low, high)),),
             {name: int(name != "RollControl") for name in NODES},
         )
 

@@ -21,7 +21,7 @@ NODES: Final = ("RollControl", "Imu", "Chassis", "Suspension", "Actuator", "Refe
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
+class TimeSpread:
     """A time that differs from frame to frame, ns: uniform in its range, or one of ``samples_ns``.
 
     Samples are drawn with equal probability; the range is then theirs.
@@ -32,12 +32,12 @@ class Spread:
     samples_ns: tuple[int, ...] = ()
 
     @classmethod
-    def of_samples(cls, samples_ns: tuple[int, ...]) -> "Spread":
+    def of_samples(cls, samples_ns: tuple[int, ...]) -> "TimeSpread":
         """Return the spread of measured times, of which there is at least one."""
         return cls(min(samples_ns), max(samples_ns), samples_ns)
 
 
-PUNCTUAL: Final = Spread()
+PUNCTUAL: Final = TimeSpread()
 """No time at all, in every frame."""
 
 
@@ -69,7 +69,7 @@ class BusGateway:
 
     name: str
     segments: tuple[int, int]
-    latency: Spread
+    latency: TimeSpread
     messages: tuple[str | int, ...] | None = None
 
 
@@ -84,7 +84,7 @@ class Topology:
     segments: tuple[BusSegment, ...]
     gateways: tuple[BusGateway, ...] = ()
     places: Mapping[str, int] = field(default_factory=dict)
-    jitter: Mapping[str, Spread] = field(default_factory=dict)
+    jitter: Mapping[str, TimeSpread] = field(default_factory=dict)
 
     def place(self, node: str) -> int:
         """Return the number of the segment that a node is on."""

@@ -45,7 +45,7 @@ from plant_sim.can_bus.kernel.layout import (
 from plant_sim.can_bus.kernel.ledger import Account, account, drain, load, took
 from plant_sim.can_bus.kernel.log import log_dtype
 from plant_sim.can_bus.kernel.network import (
-    Fault,
+    BusFault,
     Gateway,
     NetworkSpec,
     Node,
@@ -88,8 +88,8 @@ __all__ = [
     "SUPERSEDED",
     "SUSPENSION",
     "Account",
+    "BusFault",
     "BusProfile",
-    "Fault",
     "Gateway",
     "Network",
     "NetworkSpec",

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 from canroll.registry import Registry
 
 if TYPE_CHECKING:
-    from plant_sim.driving.drive import Kind
+    from plant_sim.driving.drive import ManeuverKind
 
-MANEUVERS: "Registry[Kind]" = Registry(
+MANEUVERS: "Registry[ManeuverKind]" = Registry(
     "scenario",
     "canroll.scenarios",
     {

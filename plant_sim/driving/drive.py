@@ -8,7 +8,7 @@ import numpy as np
 
 from canroll.typing import Vector
 from plant_sim.driving import driver, path, preview
-from plant_sim.driving.driver import FOLLOW_PATH, Drive
+from plant_sim.driving.driver import FOLLOW_PATH, DriveInputs
 from vehicles import Vehicle
 from vehicles.axles import Axle, axles
 
@@ -20,7 +20,7 @@ GRIP_USED = 0.85
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class ManeuverPlan:
     """Contents of one manoeuvre, independent of road and driver.
 
     ``duration`` (s). ``table`` at steps of ``table_step`` (s): road-wheel angle (rad) or lateral
@@ -50,7 +50,7 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class ManeuverKind:
     """A kind of manoeuvre, for any vehicle and speed.
 
     ``plan(vehicle, speed, seed, **options)`` gives the plan; ``standard`` is the one it follows.
@@ -60,7 +60,7 @@ class Kind:
     speed_kmh: float
     fastest_kmh: float
     standard: str
-    plan: Callable[..., Plan]
+    plan: Callable[..., ManeuverPlan]
     friction: float = 1.0
     chassis_control: bool = False
 
@@ -83,12 +83,12 @@ def slip_limit(axle: Axle, friction: float) -> float:
 def make_drive(
     vehicle: Vehicle,
     speed: float,
-    plan: Plan,
+    plan: ManeuverPlan,
     *,
     friction: float = 1.0,
     preview_time: float = 0.0,
     chassis_control: bool = False,
-) -> Drive:
+) -> DriveInputs:
     """Arrays for the kernels, with a new driver's memory; ``speed`` in m/s.
 
     A ``preview_time`` (s) of 0 is that of :func:`plant_sim.driving.preview.preview_time`.
@@ -122,7 +122,7 @@ def make_drive(
     p[driver.D_CORNERING] = front.cornering
     x, y = plan.path_xy if plan.path_xy is not None else (np.array([0.0, path.STEP]), np.zeros(2))
     left, right = plan.road if plan.road is not None else (np.zeros(1), np.zeros(1))
-    return Drive(
+    return DriveInputs(
         kind=plan.kind,
         parameters=p,
         path_x=x,

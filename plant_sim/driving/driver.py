@@ -74,7 +74,7 @@ EXTRA_STEER_LIMIT = 0.035
 """Angle (rad) that the chassis control may add to the driver's steering."""
 
 
-class Drive(NamedTuple):
+class DriveInputs(NamedTuple):
     """Inputs of a manoeuvre, as arrays for the kernels. ``memory`` belongs to one run only."""
 
     kind: int
@@ -98,9 +98,9 @@ class Drive(NamedTuple):
 
 
 @njit
-def uncounted(drive: Drive) -> Drive:
+def uncounted(drive: DriveInputs) -> DriveInputs:
     """Views of the arrays of a drive that the caller keeps alive; see ``borrowed``."""
-    return Drive(
+    return DriveInputs(
         drive.kind,
         borrowed(drive.parameters),
         borrowed(drive.path_x),
@@ -129,7 +129,7 @@ def sample(table: Vector, position: float) -> float:
 
 
 @njit
-def _path_point(drive: Drive, station: float) -> tuple[float, float, float, float]:
+def _path_point(drive: DriveInputs, station: float) -> tuple[float, float, float, float]:
     """Point and unit tangent of the path at ``station`` (m); straight on beyond its ends."""
     step = drive.parameters[D_PATH_STEP]
     last = drive.path_x.size - 2
@@ -142,7 +142,7 @@ def _path_point(drive: Drive, station: float) -> tuple[float, float, float, floa
 
 
 @njit
-def off_path(drive: Drive, station: float, x: Vector, y: Vector, left: Vector) -> float:
+def off_path(drive: DriveInputs, station: float, x: Vector, y: Vector, left: Vector) -> float:
     """Fill ``left`` with the distance left of the path (m) at each of the points ``x``, ``y`` (m).
 
     The station (m) advances from point to point like the driver's, at most 1 m per point, so that
@@ -157,7 +157,7 @@ def off_path(drive: Drive, station: float, x: Vector, y: Vector, left: Vector) -
 
 
 @njit
-def _follow(outputs: Vector, drive: Drive) -> float:
+def _follow(outputs: Vector, drive: DriveInputs) -> float:
     """Road-wheel angle demanded by the driver (rad); updates station and path error."""
     memory = drive.memory
     speed = max(hypot(outputs[ports.VX], outputs[ports.VY]), 1.0)
@@ -179,7 +179,7 @@ def _gain(table: Vector, position: float, column: int) -> float:
 
 
 @njit
-def _previewed(outputs: Vector, drive: Drive, speed: float) -> float:
+def _previewed(outputs: Vector, drive: DriveInputs, speed: float) -> float:
     """Demand of the preview control (rad), up to the slip angle that the driver allows."""
     parameters, memory = drive.parameters, drive.memory
     position = speed / SPEED_STEP - 1.0
@@ -199,7 +199,7 @@ def _previewed(outputs: Vector, drive: Drive, speed: float) -> float:
 
 
 @njit
-def _fishhook(time: float, outputs: Vector, drive: Drive) -> float:
+def _fishhook(time: float, outputs: Vector, drive: DriveInputs) -> float:
     """Road-wheel angle of NHTSA's roll-rate feedback fishhook (rad).
 
     Steer to the amplitude, wait until the roll has built up, steer as far to the other side, hold,
@@ -226,7 +226,7 @@ def _fishhook(time: float, outputs: Vector, drive: Drive) -> float:
 
 
 @njit
-def _stabilise(outputs: Vector, inputs: Vector, drive: Drive) -> None:
+def _stabilise(outputs: Vector, inputs: Vector, drive: DriveInputs) -> None:
     """Unified chassis control: half by one front brake, half by extra steering.
 
     Demands the yaw moment that brings the yaw rate to the linear car's, limited to the lateral
@@ -256,7 +256,7 @@ def _stabilise(outputs: Vector, inputs: Vector, drive: Drive) -> None:
 
 
 @njit
-def drive(t_ns: int, outputs: Vector, inputs: Vector, drive: Drive) -> None:
+def drive(t_ns: int, outputs: Vector, inputs: Vector, drive: DriveInputs) -> None:
     """Fill ``inputs`` for the step that starts at ``t_ns``, from the ``outputs`` of the last one.
 
     Writes steering, drive force, bank, friction, road heights or prescribed acceleration, and the

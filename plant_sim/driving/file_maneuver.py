@@ -8,7 +8,7 @@ from canroll.errors import CanrollError
 from canroll.typing import Vector
 from codegen.frame import units
 from plant_sim.driving import signal_file
-from plant_sim.driving.drive import STEP_NS, Kind, Plan
+from plant_sim.driving.drive import STEP_NS, ManeuverKind, ManeuverPlan
 from plant_sim.driving.driver import ACCELERATION_TABLE, STEER_TABLE
 from plant_sim.driving.signal_file import Signal
 from vehicles import Vehicle
@@ -43,7 +43,7 @@ def from_file(
     unit: str = "",
     speed_column: str = "",
     speed_unit: str = "",
-) -> Plan:
+) -> ManeuverPlan:
     """Steering-wheel angle or lateral acceleration over time, and speed if the file has one.
 
     ``column`` and ``speed_column`` are names as in :func:`plant_sim.driving.signal_file.read`;
@@ -81,7 +81,7 @@ def from_file(
     for signal in speeds:
         _, factor = _in_base_unit(file, signal, speed_unit, "speed_unit")
         speed = factor * _sampled(signal, begin, at)
-    return Plan(
+    return ManeuverPlan(
         duration,
         kind=INPUT_KINDS[quantity],
         table=table,
@@ -128,5 +128,5 @@ def _sampled(signal: Signal, begin: float, at: Vector) -> Vector:
     return np.interp(at, signal.times - begin, signal.values)
 
 
-FROM_FILE = Kind("signal of a file", 80.0, 200.0, "none", from_file)
+FROM_FILE = ManeuverKind("signal of a file", 80.0, 200.0, "none", from_file)
 """Steering or lateral acceleration, and speed, from a file."""

@@ -11,7 +11,7 @@ import numpy as np
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.typing import Vector
 from plant_sim.driving import MANEUVERS
-from plant_sim.driving.drive import STEP_NS, Kind, make_drive
+from plant_sim.driving.drive import STEP_NS, ManeuverKind, make_drive
 from plant_sim.driving.driver import (
     ACCELERATION_TABLE,
     D_CHASSIS_CONTROL,
@@ -23,7 +23,7 @@ from plant_sim.driving.driver import (
     N_MEMORY,
     SPEED_LAG,
     STEER_TABLE,
-    Drive,
+    DriveInputs,
 )
 from vehicles import Vehicle
 
@@ -58,7 +58,7 @@ class Maneuver:
     standard: str
     speed: float
     duration_ns: int
-    drive: Drive
+    drive: DriveInputs
     options: Mapping[str, Any] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
@@ -258,7 +258,7 @@ def build(
     )
 
 
-def _check_speeds(kind: Kind, speeds: Vector) -> None:
+def _check_speeds(kind: ManeuverKind, speeds: Vector) -> None:
     """Refuse speeds (m/s) outside the manoeuvre's range, several with their place in time."""
     kmh = 3.6 * speeds
     outside = ~((kmh >= SLOWEST_KMH - 1e-6) & (kmh <= kind.fastest_kmh + 1e-6))

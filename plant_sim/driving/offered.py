@@ -11,7 +11,7 @@ import numpy as np
 
 from canroll.errors import CanrollError
 from canroll.extension import guarded
-from plant_sim.driving.drive import Kind, Plan
+from plant_sim.driving.drive import ManeuverKind, ManeuverPlan
 from plant_sim.driving.driver import ACCELERATION_TABLE, FISHHOOK, FOLLOW_PATH, STEER_TABLE
 from vehicles import Vehicle
 
@@ -20,7 +20,7 @@ LONGEST = 600.0
 """Longest manoeuvre, s: its signals are kept in memory, a value a millisecond."""
 
 
-def accept(what: str, kind: object) -> Kind:
+def accept(what: str, kind: object) -> ManeuverKind:
     """Wrap an extension's manoeuvre so that its plans are checked.
 
     Args:
@@ -30,14 +30,14 @@ def accept(what: str, kind: object) -> Kind:
     Raises:
         CanrollError: not a manoeuvre, or invalid figures or plan signature.
     """
-    if not isinstance(kind, Kind):
+    if not isinstance(kind, ManeuverKind):
         raise CanrollError(f"{what}: a {type(kind).__name__}, it must be a Kind")
     if not 5.0 <= kind.speed_kmh <= kind.fastest_kmh <= 300.0:
         raise CanrollError(
             f"{what}: speeds of {kind.speed_kmh:g} and at most {kind.fastest_kmh:g} km/h: they "
             "must be in order, 5 to 300"
         )
-    plan = guarded(what, kind.plan, 3, Plan)
+    plan = guarded(what, kind.plan, 3, ManeuverPlan)
     for option in signature(kind.plan).parameters.values():
         is_plain = isinstance(option.default, bool | float | str)
         if option.kind is Parameter.KEYWORD_ONLY and not is_plain:
@@ -47,9 +47,9 @@ def accept(what: str, kind: object) -> Kind:
     return replace(kind, plan=_checked(what, plan))
 
 
-def _checked(what: str, plan: Callable[..., Plan]) -> Callable[..., Plan]:
+def _checked(what: str, plan: Callable[..., ManeuverPlan]) -> Callable[..., ManeuverPlan]:
     @wraps(plan)
-    def call(vehicle: Vehicle, speed: float, seed: int, **options: Any) -> Plan:  # noqa: ANN401
+    def call(vehicle: Vehicle, speed: float, seed: int, **options: Any) -> ManeuverPlan:  # noqa: ANN401
         found = plan(vehicle, speed, seed, **options)
         try:
             check_plan(found)
@@ -60,7 +60,7 @@ def _checked(what: str, plan: Callable[..., Plan]) -> Callable[..., Plan]:
     return call
 
 
-def check_plan(plan: Plan) -> None:
+def check_plan(plan: ManeuverPlan) -> None:
     """Refuse a plan that the driver's kernel cannot drive.
 
     Raises:

@@ -10,7 +10,7 @@ import numpy as np
 
 from canroll.errors import CanrollError
 from plant_sim.driving import path, road
-from plant_sim.driving.drive import GRIP_USED, Kind, Plan
+from plant_sim.driving.drive import GRIP_USED, ManeuverKind, ManeuverPlan
 from plant_sim.driving.line import through_gates
 from vehicles import GRAVITY, Vehicle
 
@@ -35,19 +35,19 @@ def _line(vehicle: Vehicle, speed: float, lanes: tuple[path.Lane, ...], run_out:
     )
 
 
-def double_lane_change(vehicle: Vehicle, speed: float, _seed: int) -> Plan:
+def double_lane_change(vehicle: Vehicle, speed: float, _seed: int) -> ManeuverPlan:
     """ISO 3888-1 at constant speed; the standard's lateral offset or the vehicle's own."""
     lanes = path.double_lane_change(vehicle.geometry.width, vehicle.lane_offset)
     end = lanes[-1].start + lanes[-1].length
     xy = _line(vehicle, speed, lanes, run_out=APPROACH + 3 * speed)
-    return Plan((2 * APPROACH + end) / speed, path_xy=xy)
+    return ManeuverPlan((2 * APPROACH + end) / speed, path_xy=xy)
 
 
-def moose(vehicle: Vehicle, speed: float, _seed: int) -> Plan:
+def moose(vehicle: Vehicle, speed: float, _seed: int) -> ManeuverPlan:
     """ISO 3888-2: accelerator released 2 m into the first lane."""
     lanes = path.obstacle_avoidance(vehicle.geometry.width)
     end = lanes[-1].start + lanes[-1].length
-    return Plan(
+    return ManeuverPlan(
         (2 * APPROACH + end) / speed + 2.0,
         path_xy=_line(vehicle, speed, lanes, run_out=120.0),
         release_time=(APPROACH + 2.0) / speed,
@@ -56,7 +56,7 @@ def moose(vehicle: Vehicle, speed: float, _seed: int) -> Plan:
 
 def slalom(
     vehicle: Vehicle, speed: float, _seed: int, *, spacing: float = 18.0, count: float = 8.0
-) -> Plan:
+) -> ManeuverPlan:
     """Left and right of ``count`` cones in a row, half the car's width and 0.5 m beside each."""
     cones = int(count)
     if count != cones:
@@ -69,10 +69,10 @@ def slalom(
         path.Lane(spacing * (cones + 1), 0.0, 0.0, 0.0),
     )
     xy = path.through(lanes, approach=APPROACH, run_out=APPROACH + 3 * speed)
-    return Plan((2 * run_up + spacing * cones) / speed, path_xy=xy)
+    return ManeuverPlan((2 * run_up + spacing * cones) / speed, path_xy=xy)
 
 
-def roundabout(_vehicle: Vehicle, speed: float, _seed: int) -> Plan:
+def roundabout(_vehicle: Vehicle, speed: float, _seed: int) -> ManeuverPlan:
     """Half-way round a circle of 22 m radius, straight in and out, at constant speed."""
     radius, approach, easing = 22.0, 30.0, 8.0
     arc = radius * pi - easing
@@ -83,7 +83,7 @@ def roundabout(_vehicle: Vehicle, speed: float, _seed: int) -> Plan:
         (easing, 0.0),
         (approach + 3.0 * speed, 0.0),
     ]
-    return Plan(
+    return ManeuverPlan(
         (2 * approach + 2 * easing + arc) / speed,
         path_xy=path.from_curvature(sections),
     )
@@ -99,9 +99,11 @@ def _circle(radius: float, speed: float) -> path.XY:
     return path.from_curvature([(approach, 0.0), (easing, 1 / radius), (arc, 1 / radius)])
 
 
-def constant_radius(_vehicle: Vehicle, speed: float, _seed: int, *, radius: float = 100.0) -> Plan:
+def constant_radius(
+    _vehicle: Vehicle, speed: float, _seed: int, *, radius: float = 100.0
+) -> ManeuverPlan:
     """ISO 4138 constant radius: on a circle to the left at constant speed."""
-    return Plan(CIRCLE_DURATION, path_xy=_circle(radius, speed), at_the_limit=True)
+    return ManeuverPlan(CIRCLE_DURATION, path_xy=_circle(radius, speed), at_the_limit=True)
 
 
 def banked_curve(
@@ -111,11 +113,13 @@ def banked_curve(
     *,
     radius: float = 150.0,
     bank_deg: float = -5.0,
-) -> Plan:
+) -> ManeuverPlan:
     """A left curve whose road banks with its curvature; a negative bank leans into the curve."""
     travelled = np.arange(0.0, CIRCLE_DURATION * speed + 10.0, 1.0)
     part = np.clip((travelled - 10.0) / max(10.0, speed), 0.0, 1.0)
-    return Plan(CIRCLE_DURATION, path_xy=_circle(radius, speed), bank=radians(bank_deg) * part)
+    return ManeuverPlan(
+        CIRCLE_DURATION, path_xy=_circle(radius, speed), bank=radians(bank_deg) * part
+    )
 
 
 def _straight(length: float) -> path.XY:
@@ -132,13 +136,13 @@ def bumps(
     length: float = 1.5,
     spacing: float = 12.0,
     count: float = 4.0,
-) -> Plan:
+) -> ManeuverPlan:
     """Straight ahead over ``count`` bumps under the left wheels only; height and lengths in m."""
     if count != int(count):
         raise CanrollError(f"option count of bumps: {count:g} must be a whole number")
     left = road.bumps(height=height, length=length, spacing=spacing, count=int(count), start=20.0)
     distance = 20.0 + count * spacing + 2.0 * speed
-    return Plan(
+    return ManeuverPlan(
         distance / speed,
         path_xy=_straight(distance + 5 * speed),
         road=(left, np.zeros_like(left)),
@@ -148,12 +152,12 @@ def bumps(
 
 def random_road(
     vehicle: Vehicle, speed: float, seed: int, *, road_class: str = "C", duration: float = 20.0
-) -> Plan:
+) -> ManeuverPlan:
     """Straight ahead on a road of an ISO 8608 class, A to E, for ``duration`` (s)."""
     geometry = vehicle.geometry
     distance = duration * speed + geometry.wheelbase + 10.0
     width = geometry.half_track_front + geometry.half_track_rear
-    return Plan(
+    return ManeuverPlan(
         duration,
         path_xy=_straight(distance + 5 * speed),
         road=road.random_tracks(road_class, length=distance, track=width, seed=seed),
@@ -161,19 +165,21 @@ def random_road(
     )
 
 
-DOUBLE_LANE_CHANGE = Kind("double lane change", 80.0, 160.0, "ISO 3888-1", double_lane_change)
+DOUBLE_LANE_CHANGE = ManeuverKind(
+    "double lane change", 80.0, 160.0, "ISO 3888-1", double_lane_change
+)
 """Double lane change, ISO 3888-1."""
-MOOSE = Kind("obstacle avoidance", 80.0, 100.0, "ISO 3888-2", moose, 0.6, True)
+MOOSE = ManeuverKind("obstacle avoidance", 80.0, 100.0, "ISO 3888-2", moose, 0.6, True)
 """Obstacle avoidance, ISO 3888-2."""
-SLALOM = Kind("slalom", 50.0, 120.0, "none", slalom)
+SLALOM = ManeuverKind("slalom", 50.0, 120.0, "none", slalom)
 """Slalom round cones in a row."""
-ROUNDABOUT = Kind("roundabout of 22 m radius", 30.0, 120.0, "none", roundabout)
+ROUNDABOUT = ManeuverKind("roundabout of 22 m radius", 30.0, 120.0, "none", roundabout)
 """Roundabout of 22 m radius."""
-CONSTANT_RADIUS = Kind("constant radius", 60.0, 160.0, "ISO 4138", constant_radius)
+CONSTANT_RADIUS = ManeuverKind("constant radius", 60.0, 160.0, "ISO 4138", constant_radius)
 """Circle of constant radius, ISO 4138."""
-BANKED_CURVE = Kind("banked curve", 80.0, 160.0, "none", banked_curve)
+BANKED_CURVE = ManeuverKind("banked curve", 80.0, 160.0, "none", banked_curve)
 """Curve on a banked road."""
-BUMPS = Kind("one-sided bumps", 40.0, 120.0, "none", bumps)
+BUMPS = ManeuverKind("one-sided bumps", 40.0, 120.0, "none", bumps)
 """Bumps under the wheels of one side."""
-RANDOM_ROAD = Kind("random road", 80.0, 160.0, "ISO 8608", random_road)
+RANDOM_ROAD = ManeuverKind("random road", 80.0, 160.0, "ISO 8608", random_road)
 """Straight on over a rough road, ISO 8608."""

@@ -9,7 +9,7 @@ from math import inf, pi, radians
 import numpy as np
 
 from canroll.typing import Vector
-from plant_sim.driving.drive import Kind, Plan, steady_steer
+from plant_sim.driving.drive import ManeuverKind, ManeuverPlan, steady_steer
 from plant_sim.driving.driver import FISHHOOK, STEER_TABLE
 from vehicles import GRAVITY, Vehicle
 
@@ -30,9 +30,9 @@ def _amplitude(vehicle: Vehicle, scale: float) -> float:
     return min(scale * reference_angle(vehicle), vehicle.steering.angle_limit)
 
 
-def fishhook(vehicle: Vehicle, _speed: float, _seed: int, *, scale: float = 6.5) -> Plan:
+def fishhook(vehicle: Vehicle, _speed: float, _seed: int, *, scale: float = 6.5) -> ManeuverPlan:
     """NHTSA's roll-rate feedback fishhook: 720 degrees/s at the steering wheel, 3 s held."""
-    return Plan(
+    return ManeuverPlan(
         8.0,
         kind=FISHHOOK,
         release_time=START,
@@ -48,7 +48,7 @@ def step_steer(
     *,
     lateral_acceleration: float = 4.0,
     steer_rate: float = 300.0,
-) -> Plan:
+) -> ManeuverPlan:
     """ISO 7401 step input: a quick ramp to the angle of a steady lateral acceleration, then held.
 
     The angle is that of the linear car. The standard asks for 200 to 500 degrees/s at the steering
@@ -58,7 +58,7 @@ def step_steer(
     angle = steady_steer(vehicle, speed, lateral_acceleration)
     amplitude = min(angle, vehicle.steering.angle_limit)
     time = np.arange(0.0, START + 4.5, TABLE_STEP)
-    return Plan(
+    return ManeuverPlan(
         float(time[-1]),
         kind=STEER_TABLE,
         table=np.clip(rate * (time - START), 0.0, amplitude),
@@ -67,14 +67,14 @@ def step_steer(
     )
 
 
-def j_turn(vehicle: Vehicle, _speed: float, _seed: int, *, scale: float = 8.0) -> Plan:
+def j_turn(vehicle: Vehicle, _speed: float, _seed: int, *, scale: float = 8.0) -> ManeuverPlan:
     """NHTSA's J-turn: one ramp at 1000 degrees/s at the steering wheel, held 4 s, back in 2 s."""
     rate = radians(1000.0) / vehicle.steering.ratio
     amplitude = _amplitude(vehicle, scale)
     rise = amplitude / rate
     knots = np.array([0.0, START, START + rise, START + rise + 4.0, START + rise + 6.0])
     time = np.arange(0.0, knots[-1] + 1.0, TABLE_STEP)
-    return Plan(
+    return ManeuverPlan(
         float(time[-1]),
         kind=STEER_TABLE,
         table=np.interp(time, knots, [0.0, 0.0, amplitude, amplitude, 0.0]),
@@ -94,10 +94,12 @@ def sine_with_dwell_table(amplitude: float) -> Vector:
     return amplitude * np.where((time < 0) | (time > 1 / frequency + dwell), 0.0, steer)
 
 
-def sine_with_dwell(vehicle: Vehicle, _speed: float, _seed: int, *, scale: float = 5.0) -> Plan:
+def sine_with_dwell(
+    vehicle: Vehicle, _speed: float, _seed: int, *, scale: float = 5.0
+) -> ManeuverPlan:
     """FMVSS 126 sine with dwell at ``scale`` times the angle for 0.3 g, accelerator released."""
     table = sine_with_dwell_table(_amplitude(vehicle, scale))
-    return Plan(
+    return ManeuverPlan(
         table.size * TABLE_STEP,
         kind=STEER_TABLE,
         table=table,
@@ -107,11 +109,13 @@ def sine_with_dwell(vehicle: Vehicle, _speed: float, _seed: int, *, scale: float
     )
 
 
-STEP_STEER = Kind("step steer", 100.0, 160.0, "ISO 7401", step_steer)
+STEP_STEER = ManeuverKind("step steer", 100.0, 160.0, "ISO 7401", step_steer)
 """Step steer, ISO 7401."""
-NHTSA_FISHHOOK = Kind("fishhook", 80.0, 120.0, "NHTSA roll-rate feedback fishhook", fishhook)
+NHTSA_FISHHOOK = ManeuverKind(
+    "fishhook", 80.0, 120.0, "NHTSA roll-rate feedback fishhook", fishhook
+)
 """Fishhook with roll-rate feedback, NHTSA."""
-J_TURN = Kind("J-turn", 80.0, 120.0, "NHTSA J-turn", j_turn)
+J_TURN = ManeuverKind("J-turn", 80.0, 120.0, "NHTSA J-turn", j_turn)
 """J-turn, NHTSA."""
-SINE_WITH_DWELL = Kind("sine with dwell", 80.0, 120.0, "FMVSS 126", sine_with_dwell)
+SINE_WITH_DWELL = ManeuverKind("sine with dwell", 80.0, 120.0, "FMVSS 126", sine_with_dwell)
 """Sine with dwell, FMVSS 126."""

@@ -28,7 +28,7 @@ COMMAND_SIGNALS = tuple(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Kind:
+class FaultKind:
     """One way to fail.
 
     Attributes:
@@ -62,13 +62,13 @@ class Kind:
     not_at: tuple[str, ...] = ()
 
 
-KINDS: tuple[Kind, ...] = (
-    Kind(name="stuck", at=SIGNAL, help="holds the last value, counters go on"),
-    Kind(name="offset", at=SIGNAL, help="adds VALUE", value="SI unit", ramps=True),
-    Kind(name="drift", at=SIGNAL, help="drifts away by VALUE each second", value="SI unit/s"),
-    Kind(name="scale", at=SIGNAL, help="multiplies by VALUE", value="factor", ramps=True),
-    Kind(name="reversed", at=SIGNAL, help="has the opposite sign", ramps=True),
-    Kind(
+KINDS: tuple[FaultKind, ...] = (
+    FaultKind(name="stuck", at=SIGNAL, help="holds the last value, counters go on"),
+    FaultKind(name="offset", at=SIGNAL, help="adds VALUE", value="SI unit", ramps=True),
+    FaultKind(name="drift", at=SIGNAL, help="drifts away by VALUE each second", value="SI unit/s"),
+    FaultKind(name="scale", at=SIGNAL, help="multiplies by VALUE", value="factor", ramps=True),
+    FaultKind(name="reversed", at=SIGNAL, help="has the opposite sign", ramps=True),
+    FaultKind(
         name="burst",
         at=SIGNAL,
         help="white noise of standard deviation VALUE",
@@ -76,33 +76,33 @@ KINDS: tuple[Kind, ...] = (
         low=0.0,
         ramps=True,
     ),
-    Kind(
+    FaultKind(
         name="spike",
         at=SIGNAL,
         help="adds VALUE to one sample, every 0.1 s or EVERY",
         value="SI unit",
         ramps=True,
     ),
-    Kind(name="delay", at=SIGNAL, help="is late by VALUE", value="s", low=0.0, high=2.5),
-    Kind(name="invalid", at=SIGNAL, help="sends the code for error"),
-    Kind(name="dropout", at=SIGNAL, help="keeps its message off the bus"),
-    Kind(name="dropout", at=MESSAGE, help="is not sent", sensors_only=True),
-    Kind(
+    FaultKind(name="delay", at=SIGNAL, help="is late by VALUE", value="s", low=0.0, high=2.5),
+    FaultKind(name="invalid", at=SIGNAL, help="sends the code for error"),
+    FaultKind(name="dropout", at=SIGNAL, help="keeps its message off the bus"),
+    FaultKind(name="dropout", at=MESSAGE, help="is not sent", sensors_only=True),
+    FaultKind(
         name="frozen",
         at=MESSAGE,
         help="repeats the last sample and its sample counter, protection goes on",
         sensors_only=True,
     ),
-    Kind(
+    FaultKind(
         name="frozen_counter",
         at=MESSAGE,
         help="repeats its counter of the protection",
         sensors_only=True,
     ),
-    Kind(name="stuck", at=ACTUATOR, help="holds its force and reports it"),
-    Kind(name="floating", at=ACTUATOR, help="delivers nothing and reports it", ramps=True),
-    Kind(name="dead", at=ACTUATOR, help="delivers nothing, status OK", ramps=True),
-    Kind(
+    FaultKind(name="stuck", at=ACTUATOR, help="holds its force and reports it"),
+    FaultKind(name="floating", at=ACTUATOR, help="delivers nothing and reports it", ramps=True),
+    FaultKind(name="dead", at=ACTUATOR, help="delivers nothing, status OK", ramps=True),
+    FaultKind(
         name="weak",
         at=ACTUATOR,
         help="delivers the fraction VALUE of its command, status limited",
@@ -112,7 +112,7 @@ KINDS: tuple[Kind, ...] = (
         low=0.0,
         high=1.0,
     ),
-    Kind(
+    FaultKind(
         name="slow",
         at=ACTUATOR,
         help="has VALUE times its lag, status OK",
@@ -121,8 +121,8 @@ KINDS: tuple[Kind, ...] = (
         high=1000.0,
         ramps=True,
     ),
-    Kind(name="reversed", at=ACTUATOR, help="delivers the opposite, status OK", ramps=True),
-    Kind(
+    FaultKind(name="reversed", at=ACTUATOR, help="delivers the opposite, status OK", ramps=True),
+    FaultKind(
         name="runaway",
         at=ACTUATOR,
         help="adds the fraction VALUE of its limit to its command, status OK",
@@ -131,7 +131,7 @@ KINDS: tuple[Kind, ...] = (
         high=1.0,
         ramps=True,
     ),
-    Kind(
+    FaultKind(
         name="derating",
         at=ACTUATOR,
         help="is limited to the fraction VALUE of its limit",
@@ -140,19 +140,19 @@ KINDS: tuple[Kind, ...] = (
         low=0.0,
         high=1.0,
     ),
-    Kind(
+    FaultKind(
         name="lying",
         at=ACTUATOR,
         help="reports OK and the commanded moment, whatever else is wrong",
     ),
-    Kind(
+    FaultKind(
         name="down",
         at=NODE,
         help="has no power: it neither sends nor hears, then starts anew; without power the "
         "actuators float",
         repeats=False,
     ),
-    Kind(
+    FaultKind(
         name="reset",
         at=NODE,
         help="is down for VALUE, then starts anew",
@@ -163,7 +163,7 @@ KINDS: tuple[Kind, ...] = (
         end=False,
         repeats=False,
     ),
-    Kind(
+    FaultKind(
         name="late",
         at=NODE,
         help="has no power before VALUE",
@@ -174,14 +174,14 @@ KINDS: tuple[Kind, ...] = (
         end=False,
         repeats=False,
     ),
-    Kind(name="silent", at=NODE, help="hears, but sends nothing", repeats=False),
-    Kind(
+    FaultKind(name="silent", at=NODE, help="hears, but sends nothing", repeats=False),
+    FaultKind(
         name="bus_off",
         at=NODE,
         help="every frame that it sends is disturbed, until its controller leaves the bus",
         repeats=False,
     ),
-    Kind(
+    FaultKind(
         name="babbling",
         at=NODE,
         help="fills the share VALUE of its bus with frames of the highest priority",
@@ -191,7 +191,7 @@ KINDS: tuple[Kind, ...] = (
         high=1.0,
         repeats=False,
     ),
-    Kind(
+    FaultKind(
         name="clock_drift",
         at=NODE,
         help="its cycle times are longer by the fraction VALUE",
@@ -202,7 +202,7 @@ KINDS: tuple[Kind, ...] = (
         not_at=(f"{NODE_PREFIX}{ECU_NODE}",),
     ),
     *(
-        Kind(name=name, at=at, help=text, value="fraction", low=0.0, high=1.0, ramps=True)
+        FaultKind(name=name, at=at, help=text, value="fraction", low=0.0, high=1.0, ramps=True)
         for at in (MESSAGE, BUS)
         for name, text in (
             ("loss", "the receiver loses this fraction of the frames"),
@@ -212,7 +212,7 @@ KINDS: tuple[Kind, ...] = (
         )
     ),
     *(
-        Kind(
+        FaultKind(
             name="delay",
             at=at,
             help="frames are handed over late by VALUE",
@@ -223,7 +223,7 @@ KINDS: tuple[Kind, ...] = (
         )
         for at in (MESSAGE, BUS)
     ),
-    Kind(
+    FaultKind(
         name="error_rate",
         at=BUS,
         help="every bit is disturbed with this probability",
@@ -232,7 +232,7 @@ KINDS: tuple[Kind, ...] = (
         high=0.1,
         repeats=False,
     ),
-    Kind(
+    FaultKind(
         name="flood",
         at=BUS,
         help="fills the share VALUE of every bus with frames of the highest priority",
@@ -242,15 +242,15 @@ KINDS: tuple[Kind, ...] = (
         high=1.0,
         repeats=False,
     ),
-    Kind(name="partition", at=BUS, help="its gateways forward nothing", repeats=False),
-    Kind(
+    FaultKind(name="partition", at=BUS, help="its gateways forward nothing", repeats=False),
+    FaultKind(
         name="spoof",
         at=ATTACKER,
         help="answers each frame with one that says VALUE for the signal, with the right checksum "
         "and the next counters",
         value="SI unit",
     ),
-    Kind(
+    FaultKind(
         name="replay",
         at=ATTACKER,
         help="sends each frame once more, VALUE later",
@@ -259,7 +259,7 @@ KINDS: tuple[Kind, ...] = (
         low=0.0,
         high=1.0,
     ),
-    Kind(
+    FaultKind(
         name="wrong_length",
         at=ATTACKER,
         help="answers each frame with one of VALUE bytes, with the next counters",
@@ -293,7 +293,7 @@ PLACES: dict[str, str] = {name: at for at in reversed(ALL_AT) for name in places
 """What each place is."""
 
 
-def kinds_at(where: str) -> Iterator[Kind]:
+def kinds_at(where: str) -> Iterator[FaultKind]:
     """Yield the kinds of faults that a place can have."""
     of_signal = where.removeprefix(ATTACKER_PREFIX) in (*SIGNALS, *COMMAND_SIGNALS)
     for kind in KINDS:

@@ -12,7 +12,7 @@ from typing import Any
 
 from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
-from plant_sim.faults.kinds import PLACES, Kind, kinds_at
+from plant_sim.faults.kinds import PLACES, FaultKind, kinds_at
 from plant_sim.kernels import schedule
 
 FORM = "write WHERE=KIND, WHERE=KIND:VALUE@START:END or WHERE=KIND:VALUE@START:END:RAMP"
@@ -23,11 +23,11 @@ TIMES = {"every": "every", "for": "lasting"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fault(schedule.Fault):
+class Fault(schedule.ScheduledFault):
     """One fault by its place and kind.
 
     ``where`` is a name in ``kinds.PLACES``, such as "Imu.RollRate" or "front_left", ``kind`` one of
-    ``kinds.KINDS``; times as in :class:`plant_sim.kernels.schedule.Fault`.
+    ``kinds.KINDS``; times as in :class:`plant_sim.kernels.schedule.ScheduledFault`.
     """
 
     def __str__(self) -> str:
@@ -48,7 +48,7 @@ class Fault(schedule.Fault):
         return text
 
 
-def kind_of(fault: Fault, what: str = "") -> Kind:
+def kind_of(fault: Fault, what: str = "") -> FaultKind:
     """Return the kind of a fault; ``what`` comes first in messages.
 
     Raises:
@@ -134,7 +134,7 @@ def checked(given: Mapping[str, Any], what: str, *, prefix: str = "") -> Fault:
     return fault
 
 
-def _check_value(kind: Kind, given: Mapping[str, Any], what: str) -> None:
+def _check_value(kind: FaultKind, given: Mapping[str, Any], what: str) -> None:
     value = given.get("value")
     if value is None:
         if kind.value and kind.default is None:
@@ -152,7 +152,7 @@ def _check_value(kind: Kind, given: Mapping[str, Any], what: str) -> None:
         raise CanrollError(f"{what}: the value ({kind.value}) must be {kind.low:g} {high}")
 
 
-def _check_times(kind: Kind, fault: Fault, what: str) -> None:
+def _check_times(kind: FaultKind, fault: Fault, what: str) -> None:
     if not 0 <= fault.start < fault.end or not math.isfinite(fault.start):
         raise CanrollError(f"{what}: START must be 0 or later and before END")
     if fault.start and not kind.start:

@@ -1,9 +1,9 @@
 """The process in which an FMU runs, so that its end is not the end of the tool.
 
-It runs as a script, with a :class:`Task` as a line of JSON on standard input. Then each request is
-a byte and a float64 of each input, each answer a status byte and a float64 of each output, or the
-length of a message and the message. Standard output belongs to the answers: what the FMU prints
-goes nowhere.
+It runs as a script, with a :class:`ChildTask` as a line of JSON on standard input. Then each
+request is a byte and a float64 of each input, each answer a status byte and a float64 of each
+output, or the length of a message and the message. Standard output belongs to the answers: what the
+FMU prints goes nowhere.
 """
 
 import io
@@ -21,7 +21,7 @@ LENGTH = struct.Struct("<Q")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
+class ChildTask:
     """What the process does: an FMU, the variables to set and get, and the step (s)."""
 
     path: str
@@ -51,7 +51,7 @@ class Said(io.TextIOBase):
 class Instance:
     """One FMU between its steps."""
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: ChildTask) -> None:
         from fmpy import extract  # noqa: PLC0415 - the messages of its import are kept away too
         from fmpy.fmi2 import FMU2Slave  # noqa: PLC0415
         from fmpy.fmi3 import FMU3Slave  # noqa: PLC0415
@@ -116,7 +116,7 @@ def main() -> None:
     sys.stdout = said
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     requests = sys.stdin.buffer
-    task = Task(**json.loads(requests.readline()))
+    task = ChildTask(**json.loads(requests.readline()))
     try:
         _serve(task, requests, answers)
     except Exception as error:
@@ -128,7 +128,7 @@ def main() -> None:
         shutil.rmtree(task.folder, ignore_errors=True)
 
 
-def _serve(task: Task, requests: BinaryIO, answers: BinaryIO) -> None:
+def _serve(task: ChildTask, requests: BinaryIO, answers: BinaryIO) -> None:
     given = struct.Struct(f"<{len(task.inputs)}d")
     found = struct.Struct(f"<{len(task.outputs)}d")
     instance = Instance(task)

@@ -17,7 +17,7 @@ from plant_sim.bodies.ports import ROLLOVER_ANGLE, WHEELS, Body, Outside
 from plant_sim.fmi import description, map_file
 from plant_sim.fmi.map_file import PlantMap
 from plant_sim.fmi.quantities import AT_REST, INPUTS, NEUTRAL, OUTPUTS, RATES, SAME
-from plant_sim.fmi.session import Session
+from plant_sim.fmi.session import FmuSession
 from plant_sim.kernels.jit import STEP_SIGNATURE, cfunc, function_at
 from vehicles import Vehicle
 
@@ -28,12 +28,12 @@ BY_WHEEL = ("wheel_load", "travel", "wheel_speed", "wheel_height", "lateral_forc
 
 
 @dataclass(slots=True)
-class Drive:
+class FmuDrive:
     """One vehicle on its way: its FMU, what it stands on, and how it ended."""
 
     name: str
     plant_map: PlantMap
-    session: Session
+    session: FmuSession
     speed: float
     steering_ratio: float
     half_tracks: tuple[float, float]
@@ -112,7 +112,7 @@ class Drive:
             found["rollover"] = float(abs(found["roll"]) > ROLLOVER_ANGLE)
 
 
-_DRIVES: dict[int, Drive] = {}
+_DRIVES: dict[int, FmuDrive] = {}
 _NUMBERS: Iterator[int] = count(1)
 
 
@@ -189,10 +189,10 @@ def read(name: str) -> Body:
     def build(vehicle: Vehicle, speed: float) -> tuple[Vector, Vector]:
         number = next(_NUMBERS)
         geometry = vehicle.geometry
-        _DRIVES[number] = Drive(
+        _DRIVES[number] = FmuDrive(
             name=path.name,
             plant_map=plant_map,
-            session=Session(path, fmu, plant_map, speed),
+            session=FmuSession(path, fmu, plant_map, speed),
             speed=speed,
             steering_ratio=vehicle.steering.ratio,
             half_tracks=(geometry.half_track_front, geometry.half_track_rear),

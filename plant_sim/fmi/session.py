@@ -13,12 +13,12 @@ from pathlib import Path
 
 from canroll.errors import CanrollError
 from plant_sim.fmi import child
-from plant_sim.fmi.child import BAD, LENGTH, NEXT, Task
+from plant_sim.fmi.child import BAD, LENGTH, NEXT, ChildTask
 from plant_sim.fmi.description import SETTERS, Fmu
 from plant_sim.fmi.map_file import PlantMap, Wire
 
 
-class Session:
+class FmuSession:
     """An FMU from its initialisation on, at every millisecond.
 
     Args:
@@ -39,7 +39,7 @@ class Session:
         self._values: tuple[float, ...] = ()
         self._coming: tuple[float, ...] = ()
         self._folder = tempfile.TemporaryDirectory(prefix="canroll-fmu-")
-        task = Task(
+        task = ChildTask(
             path=str(path.resolve()),
             folder=self._folder.name,
             version=fmu.version,

@@ -16,7 +16,7 @@ NO_TARGET = -1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fault:
+class ScheduledFault:
     """One fault, as plain data.
 
     It acts from ``start`` until before ``end`` (s) and reaches its full strength after ``ramp``;
@@ -56,7 +56,7 @@ def table(rooms: int) -> NDArray[np.int64]:
     return np.full((rooms, N_SCHEDULE), NO_TARGET, dtype=np.int64)
 
 
-def row(target: int, kind: int, fault: Fault, what: str) -> list[int]:
+def row(target: int, kind: int, fault: ScheduledFault, what: str) -> list[int]:
     """Return the row of a fault with numbers for its place and kind; ``what`` names it in messages.
 
     Raises:

@@ -15,9 +15,11 @@ from plant_sim.kernels.jit import njit
 from plant_sim.nodes import codec, e2e, envelope
 from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.envelope import Envelope
-from vehicles.actuators import Bars, Dampers, Suspension, Valves
+from vehicles.actuators import Bars, Dampers, SuspensionActuator, Valves
 
-SUSPENSION, BARS, DAMPERS, VALVES = (kind.number for kind in (Suspension, Bars, Dampers, Valves))
+SUSPENSION, BARS, DAMPERS, VALVES = (
+    kind.number for kind in (SuspensionActuator, Bars, Dampers, Valves)
+)
 
 # Status of a corner, as the DBC numbers it.
 STATUS_OK, STATUS_LIMITED, STATUS_STUCK, STATUS_FLOATING = range(4)
@@ -56,7 +58,7 @@ MESSAGE, FIRST_SIGNAL, CHANNELS = range(3)
 MESSAGES, CURVE_POINTS, FAULTS = 2, 8, 16
 
 
-class Actuators(NamedTuple):
+class ActuatorNode(NamedTuple):
     """One actuator node: configuration, state, accepted messages with their E2E receivers."""
 
     setting: NDArray[np.float64]
@@ -73,7 +75,7 @@ class Actuators(NamedTuple):
 
 
 @njit
-def listens(node: Actuators, message: int) -> int:
+def listens(node: ActuatorNode, message: int) -> int:
     """Index of row ``message`` of the tables among the node's messages; -1 for none."""
     for which in range(MESSAGES):
         if message >= 0 and node.message[which, MESSAGE] == message:
@@ -83,7 +85,7 @@ def listens(node: Actuators, message: int) -> int:
 
 @njit
 def receive(
-    node: Actuators, tables: Codec, which: int, payload: NDArray[np.uint8], t_ns: int
+    node: ActuatorNode, tables: Codec, which: int, payload: NDArray[np.uint8], t_ns: int
 ) -> bool:
     """Receive a command frame at ``t_ns``; return whether it was accepted.
 
@@ -117,7 +119,7 @@ def receive(
 
 
 @njit
-def supervise(node: Actuators, t_ns: int) -> None:
+def supervise(node: ActuatorNode, t_ns: int) -> None:
     """Release a command that was not renewed within the timeout; judge it by the envelope."""
     if node.flag[HELD] and t_ns - node.flag[T_ACCEPTED] > node.flag[TIMEOUT]:
         node.flag[HELD] = 0
@@ -135,13 +137,13 @@ def supervise(node: Actuators, t_ns: int) -> None:
 
 
 @njit
-def follows(node: Actuators) -> bool:
+def follows(node: ActuatorNode) -> bool:
     """Whether the node follows its command: it is enabled, and its envelope does not refuse."""
     return bool(node.flag[ENABLED] and node.envelope.memory[envelope.ACTED] == 0.0)
 
 
 @njit
-def fault_share(node: Actuators, kind: int, first: int, last: int, t_ns: int) -> float:
+def fault_share(node: ActuatorNode, kind: int, first: int, last: int, t_ns: int) -> float:
     """Strength at ``t_ns`` of the faults of ``kind`` at corners ``first`` to ``last``, up to 1."""
     share = 0.0
     corners = (2 << last) - (1 << first)
@@ -155,7 +157,7 @@ def fault_share(node: Actuators, kind: int, first: int, last: int, t_ns: int) ->
 
 
 @njit
-def fault_factor(node: Actuators, kind: int, first: int, last: int, t_ns: int) -> float:
+def fault_factor(node: ActuatorNode, kind: int, first: int, last: int, t_ns: int) -> float:
     """Product of the values of these faults, each as far from 1 as it is strong; 1 without any."""
     factor = 1.0
     corners = (2 << last) - (1 << first)
@@ -169,7 +171,7 @@ def fault_factor(node: Actuators, kind: int, first: int, last: int, t_ns: int) -
 
 
 @njit
-def fault_amount(node: Actuators, kind: int, first: int, last: int, t_ns: int) -> float:
+def fault_amount(node: ActuatorNode, kind: int, first: int, last: int, t_ns: int) -> float:
     """Sum of the values of these faults, each times its strength; 0 without any."""
     amount = 0.0
     corners = (2 << last) - (1 << first)
@@ -183,7 +185,7 @@ def fault_amount(node: Actuators, kind: int, first: int, last: int, t_ns: int) -
 
 
 @njit
-def set_status(node: Actuators, first: int, last: int, status: int) -> None:
+def set_status(node: ActuatorNode, first: int, last: int, status: int) -> None:
     """Record the status of corners ``first`` to ``last``; the worst is kept until reported."""
     for corner in range(first, last + 1):
         node.flag[STATUS + corner] = status
@@ -192,7 +194,7 @@ def set_status(node: Actuators, first: int, last: int, status: int) -> None:
 
 @njit
 def report(
-    node: Actuators, tables: Codec, message: int, payload: NDArray[np.uint8], frozen: bool
+    node: ActuatorNode, tables: Codec, message: int, payload: NDArray[np.uint8], frozen: bool
 ) -> None:
     """Write ActuatorState to a payload, except its sample counter; clear the latched status.
 

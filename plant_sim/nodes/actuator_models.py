@@ -37,7 +37,7 @@ from plant_sim.nodes.actuator_kernel import (
     STUCK,
     SUSPENSION,
     WEAK,
-    Actuators,
+    ActuatorNode,
     fault_amount,
     fault_factor,
     fault_share,
@@ -77,7 +77,7 @@ def clip(value: float, limit: float) -> float:
 
 
 @njit
-def refer(node: Actuators, channel: int, demand: float) -> bool:
+def refer(node: ActuatorNode, channel: int, demand: float) -> bool:
     """Move a channel's reference towards ``demand``; return whether limit or rate was active."""
     setting, state = node.setting, node.state
     kept = clip(demand, setting[LIMIT])
@@ -89,7 +89,7 @@ def refer(node: Actuators, channel: int, demand: float) -> bool:
 
 @njit
 def settle(  # noqa: PLR0917
-    node: Actuators, channel: int, first: int, last: int, target: float, bound: bool, t_ns: int
+    node: ActuatorNode, channel: int, first: int, last: int, target: float, bound: bool, t_ns: int
 ) -> None:
     """Follow ``target`` with the lag, unless a fault of corners ``first`` to ``last`` acts.
 
@@ -125,7 +125,7 @@ def settle(  # noqa: PLR0917
 
 
 @njit
-def show(node: Actuators, first: int, last: int, status: int, t_ns: int) -> None:
+def show(node: ActuatorNode, first: int, last: int, status: int, t_ns: int) -> None:
     """Set the status of corners ``first`` to ``last``, unless they lie about it."""
     if node.fault[0, 0] >= 0 and fault_share(node, LYING, first, last, t_ns) > 0.0:
         status = STATUS_OK
@@ -133,7 +133,7 @@ def show(node: Actuators, first: int, last: int, status: int, t_ns: int) -> None
 
 
 @njit
-def _suspension(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> None:
+def _suspension(node: ActuatorNode, outputs: Vector, inputs: Vector, t_ns: int) -> None:
     state = node.state
     for corner in range(4):
         demand = state[DEMAND + corner] if follows(node) else 0.0
@@ -148,7 +148,7 @@ def _suspension(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> 
 
 
 @njit
-def _bars(node: Actuators, inputs: Vector, t_ns: int) -> None:
+def _bars(node: ActuatorNode, inputs: Vector, t_ns: int) -> None:
     state = node.state
     for axle in range(2):
         demand = state[DEMAND + axle] if follows(node) else 0.0
@@ -190,7 +190,7 @@ def semi_active_setting(curve: Vector, force: float, stroke_rate: float) -> floa
 
 
 @njit
-def _dampers(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> None:
+def _dampers(node: ActuatorNode, outputs: Vector, inputs: Vector, t_ns: int) -> None:
     state = node.state
     for corner in range(4):
         stroke = outputs[ports.TRAVEL_RATE + corner]
@@ -206,7 +206,7 @@ def _dampers(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> Non
 
 
 @njit
-def _valve_current(node: Actuators, axle: int, actual: float, t_ns: int) -> float:
+def _valve_current(node: ActuatorNode, axle: int, actual: float, t_ns: int) -> float:
     """Current (A) commanded for the axle; a disabled node controls the moment to zero."""
     parameters, loop = node.setting[HYDRAULIC_PARAMETERS:], node.setting[TORQUE_LOOP]
     demand = node.state[DEMAND + axle]
@@ -221,7 +221,7 @@ def _valve_current(node: Actuators, axle: int, actual: float, t_ns: int) -> floa
 
 
 @njit
-def _valve_axle(node: Actuators, axle: int, outputs: Vector, inputs: Vector, t_ns: int) -> int:
+def _valve_axle(node: ActuatorNode, axle: int, outputs: Vector, inputs: Vector, t_ns: int) -> int:
     """Advance one electro-hydraulic bar by a step; return its status."""
     state, setting = node.state, node.setting
     parameters = setting[HYDRAULIC_PARAMETERS:]
@@ -274,14 +274,14 @@ def _valve_axle(node: Actuators, axle: int, outputs: Vector, inputs: Vector, t_n
 
 
 @njit
-def _valves(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> None:
+def _valves(node: ActuatorNode, outputs: Vector, inputs: Vector, t_ns: int) -> None:
     for axle in range(2):
         status = _valve_axle(node, axle, outputs, inputs, t_ns)
         show(node, 2 * axle, 2 * axle + 1, status, t_ns)
 
 
 @njit
-def _commanded(node: Actuators, axle: int) -> float:
+def _commanded(node: ActuatorNode, axle: int) -> float:
     """Moment of an axle (N·m) that its command asks for, within the limit; currents: unknown."""
     state, setting = node.state, node.setting
     if node.flag[KIND] == SUSPENSION:
@@ -294,7 +294,7 @@ def _commanded(node: Actuators, axle: int) -> float:
 
 
 @njit
-def act(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> None:
+def act(node: ActuatorNode, outputs: Vector, inputs: Vector, t_ns: int) -> None:
     """Fill the actuator slots of ``inputs`` for the step that begins at ``t_ns``."""
     state, setting = node.state, node.setting
     kind = node.flag[KIND]

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.kernels import schedule
-from plant_sim.kernels.schedule import Fault
+from plant_sim.kernels.schedule import ScheduledFault
 from plant_sim.nodes import actuator_kernel, codec, e2e, envelope, hydraulics
-from plant_sim.nodes.actuator_kernel import Actuators
+from plant_sim.nodes.actuator_kernel import ActuatorNode
 from vehicles.actuators import ACTUATORS, Actuator
 from vehicles.axles import axles
 from vehicles.model import SemiActiveDampers, Vehicle
@@ -89,7 +89,7 @@ class ActuatorOptions:
     oil_temperature: float = NOMINAL_TEMPERATURE
     supply: float = NOMINAL_SUPPLY
     supervision: e2e.Supervision = field(default_factory=e2e.Supervision)
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[ScheduledFault, ...] = ()
 
 
 def thickening(temperature: float) -> float:
@@ -160,7 +160,7 @@ def _curve(data: SemiActiveDampers) -> NDArray[np.float64]:
 
 
 def fault_tables(
-    faults: tuple[Fault, ...],
+    faults: tuple[ScheduledFault, ...],
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Rows of :mod:`plant_sim.kernels.schedule` and values of faults."""
     table, value = schedule.table(actuator_kernel.FAULTS), np.zeros(actuator_kernel.FAULTS)
@@ -180,7 +180,7 @@ def build(
     timeout_ms: float,
     integrated: bool = False,
     tables: codec.Codec | None = None,
-) -> Actuators:
+) -> ActuatorNode:
     """Actuator node of ``vehicle`` on the bus of ``tables``, by default that of the contract.
 
     ``integrated``: the body includes the electro-hydraulics.
@@ -197,7 +197,7 @@ def build(
     for row, (name, first, channels) in zip(message, actuator.commands, strict=False):
         row[:] = codec.message_index(name), codec.signal_index(name, first), channels
     fault, value = fault_tables(options.faults)
-    return Actuators(
+    return ActuatorNode(
         setting=np.concatenate(
             [
                 _settings(vehicle, actuator, options, integrated),

@@ -31,7 +31,7 @@ ENABLED, REFUSED, STARTED_NS, N_FLAGS = range(4)
 STARTS, COUNT = range(2)
 
 
-class Authentication(NamedTuple):
+class NodeAuthentication(NamedTuple):
     """Keys and freshness values of the plant's nodes.
 
     ``sent`` and ``heard`` (messages, 2): starts of the sender, and number of the next or last
@@ -91,7 +91,7 @@ def build(
     start_ns: Sequence[int] = (),
     starts: int = 1,
     heard_starts: Sequence[int] = (),
-) -> Authentication:
+) -> NodeAuthentication:
     """Return the nodes of a bus with ``rows`` messages at time 0, as their start ``starts``.
 
     Args:
@@ -111,7 +111,7 @@ def build(
     heard[: len(heard_starts), STARTS] = heard_starts
     sent = np.zeros((rows, 2), np.int64)
     sent[:, STARTS] = starts - 1
-    its = Authentication(
+    its = NodeAuthentication(
         flag=flag,
         sbox=np.array(sbox, np.int64),
         round_key=np.array(_round_keys(key or bytes(16), sbox), np.int64),
@@ -131,7 +131,7 @@ def build(
 
 
 @njit
-def encrypt(auth: Authentication) -> None:
+def encrypt(auth: NodeAuthentication) -> None:
     """Encrypt the block in place."""
     block, mixed = auth.block, auth.mixed
     for k in range(16):
@@ -155,7 +155,7 @@ def encrypt(auth: Authentication) -> None:
 
 @njit
 def _authenticate(
-    auth: Authentication, identity: int, payload: NDArray[np.uint8], starts: int, count: int
+    auth: NodeAuthentication, identity: int, payload: NDArray[np.uint8], starts: int, count: int
 ) -> None:
     """Leave the MAC of a frame with its whole freshness value in the block."""
     block = auth.block
@@ -173,7 +173,7 @@ def _authenticate(
 
 @njit
 def protect(
-    auth: Authentication, tables: Codec, row: int, payload: NDArray[np.uint8], first: bool
+    auth: NodeAuthentication, tables: Codec, row: int, payload: NDArray[np.uint8], first: bool
 ) -> None:
     """Finish a frame of message ``row``; ``first``: the first one since its node has started."""
     if auth.flag[ENABLED] == 0:
@@ -193,7 +193,7 @@ def protect(
 
 
 @njit
-def pretend(auth: Authentication, payload: NDArray[np.uint8]) -> None:
+def pretend(auth: NodeAuthentication, payload: NDArray[np.uint8]) -> None:
     """Increment the freshness counter, as an attacker without the key would: the MAC stays."""
     if auth.flag[ENABLED] == 0:
         return
@@ -205,7 +205,7 @@ def pretend(auth: Authentication, payload: NDArray[np.uint8]) -> None:
 
 
 @njit
-def _start_anew(auth: Authentication, t_ns: int) -> None:
+def _start_anew(auth: NodeAuthentication, t_ns: int) -> None:
     """Forget what was heard before the newest start of the node; the senders' starts last."""
     for number in range(STARTS_MAX):
         start = auth.start_ns[number]
@@ -217,7 +217,7 @@ def _start_anew(auth: Authentication, t_ns: int) -> None:
 
 @njit
 def verify(
-    auth: Authentication, tables: Codec, row: int, payload: NDArray[np.uint8], t_ns: int
+    auth: NodeAuthentication, tables: Codec, row: int, payload: NDArray[np.uint8], t_ns: int
 ) -> bool:
     """Whether a frame received at ``t_ns`` is authentic, new, and to be taken."""
     if auth.flag[ENABLED] == 0:

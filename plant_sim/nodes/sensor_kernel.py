@@ -80,7 +80,7 @@ STEP = 1e-3
 STEP_NS = 1_000_000
 
 
-class Sensors(NamedTuple):
+class SensorTables(NamedTuple):
     """Tables of every sensor node.
 
     ``fault`` has rows of :mod:`plant_sim.kernels.schedule`, ``history`` (FAULTS, HISTORY) the
@@ -126,7 +126,9 @@ def _along(mounting: NDArray[np.float64], axis: int, vector: NDArray[np.float64]
 
 
 @njit
-def observe(sensors: Sensors, inputs: NDArray[np.float64], outputs: NDArray[np.float64]) -> None:
+def observe(
+    sensors: SensorTables, inputs: NDArray[np.float64], outputs: NDArray[np.float64]
+) -> None:
     """Read the plant's motion at the end of a step and advance the channels' low-passes."""
     motion, turn, channel = sensors.motion, sensors.mounting, sensors.channel
     specific_motion(inputs, outputs, sensors.arm, motion)
@@ -146,7 +148,7 @@ def observe(sensors: Sensors, inputs: NDArray[np.float64], outputs: NDArray[np.f
 
 @njit
 def _faulty(  # noqa: PLR0917
-    sensors: Sensors, index: int, value: float, t_ns: int, count: int, seed: int
+    sensors: SensorTables, index: int, value: float, t_ns: int, count: int, seed: int
 ) -> float:
     """Apply the faults of a channel to its value; nan if the sensor reports failure."""
     last = sensors.channel[index, LAST]
@@ -185,7 +187,7 @@ def _faulty(  # noqa: PLR0917
 
 @njit
 def measure(  # noqa: PLR0917
-    sensors: Sensors, index: int, back: float, t_ns: int, count: int, seed: int
+    sensors: SensorTables, index: int, back: float, t_ns: int, count: int, seed: int
 ) -> float:
     """Value of a channel at a sample in the unit of the bus; nan if the sensor reports failure.
 
@@ -211,7 +213,7 @@ def measure(  # noqa: PLR0917
 
 
 @njit
-def node_fault(sensors: Sensors, node: int, kind: int, t_ns: int) -> float:
+def node_fault(sensors: SensorTables, node: int, kind: int, t_ns: int) -> float:
     """Strength times value of a node's faults of ``kind`` at ``t_ns``; 0 where none acts."""
     total = 0.0
     target = N_CHANNELS + sensors.node[node, SENSOR]
@@ -225,7 +227,7 @@ def node_fault(sensors: Sensors, node: int, kind: int, t_ns: int) -> float:
 
 
 @njit
-def silent(sensors: Sensors, node: int, t_ns: int) -> bool:
+def silent(sensors: SensorTables, node: int, t_ns: int) -> bool:
     """Whether a fault keeps the node's sample of ``t_ns`` off the bus; if down, it restarts."""
     if node_fault(sensors, node, DOWN, t_ns) > 0.0:
         sensors.node[node, SAMPLES] = 0
@@ -234,7 +236,7 @@ def silent(sensors: Sensors, node: int, t_ns: int) -> bool:
 
 
 @njit
-def period(sensors: Sensors, node: int, t_ns: int) -> int:
+def period(sensors: SensorTables, node: int, t_ns: int) -> int:
     """Time (ns) from the node's sample at ``t_ns`` to its next."""
     nominal = sensors.node[node, PERIOD]
     drift = node_fault(sensors, node, CLOCK_DRIFT, t_ns)
@@ -243,7 +245,7 @@ def period(sensors: Sensors, node: int, t_ns: int) -> int:
 
 @njit
 def sample(  # noqa: PLR0917
-    sensors: Sensors,
+    sensors: SensorTables,
     tables: Codec,
     node: int,
     t_ns: int,
@@ -282,7 +284,7 @@ def sample(  # noqa: PLR0917
 
 
 @njit
-def finish(sensors: Sensors, tables: Codec, node: int, payload: NDArray[np.uint8]) -> None:
+def finish(sensors: SensorTables, tables: Codec, node: int, payload: NDArray[np.uint8]) -> None:
     """Give the frame of the node's newest sample its page and its protection."""
     row = sensors.node[node]
     number = row[MESSAGE]

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.can_bus.network import own_frames
 from plant_sim.kernels import schedule
-from plant_sim.kernels.schedule import Fault
+from plant_sim.kernels.schedule import ScheduledFault
 from plant_sim.nodes import codec, sensor_kernel
 from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.imu_motion import N_MOTION
-from plant_sim.nodes.sensor_kernel import Sensors
-from vehicles.model import Channel, Vehicle
+from plant_sim.nodes.sensor_kernel import SensorTables
+from vehicles.model import SensorChannel, Vehicle
 
 NODES = (
     "Imu",
@@ -110,7 +110,7 @@ class SensorOptions:
     phases: Mapping[str, float] = field(default_factory=dict)
     synchronous: bool = False
     lsb: Mapping[str, float] = field(default_factory=dict)
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[ScheduledFault, ...] = ()
 
     @classmethod
     def ideal(cls, **changes: object) -> "SensorOptions":
@@ -119,13 +119,13 @@ class SensorOptions:
         return cls(**{**plain, **changes})  # type: ignore[arg-type]
 
 
-def delay(channel: Channel, *, options: SensorOptions) -> float:
+def delay(channel: SensorChannel, *, options: SensorOptions) -> float:
     """Delay of a slow signal from motion to queued frame (s): low-pass and latency."""
     filtered = 1 / (2 * math.pi * channel.bandwidth) if options.filtered else 0.0
     return filtered + (channel.latency if options.delayed else 0.0)
 
 
-def _channels(vehicle: Vehicle) -> list[Channel | None]:
+def _channels(vehicle: Vehicle) -> list[SensorChannel | None]:
     data = vehicle.sensors
     imu = [data.roll_rate, data.lateral_acceleration, data.yaw_rate]
     motion = [data.speed, data.steering_wheel, data.longitudinal_acceleration]
@@ -157,7 +157,7 @@ def _low_pass(bandwidth: float) -> tuple[float, float, float]:
 
 
 def _channel(
-    data: Channel | None,
+    data: SensorChannel | None,
     unit: str,
     period: float,
     options: SensorOptions,
@@ -183,7 +183,7 @@ def _channel(
     return row
 
 
-def _fault(fault: Fault, node: NDArray[np.int64]) -> tuple[list[int], float]:
+def _fault(fault: ScheduledFault, node: NDArray[np.int64]) -> tuple[list[int], float]:
     """Row and value of a fault among the tables of the sensors' nodes."""
     if fault.kind not in FAULTS:
         raise UnknownNameError("sensor fault", fault.kind, FAULTS)
@@ -209,7 +209,7 @@ def _fault(fault: Fault, node: NDArray[np.int64]) -> tuple[list[int], float]:
     return schedule.row(target, FAULTS[fault.kind], fault, what), value
 
 
-def _refuse_unsayable(fault: Fault, tables: Codec) -> None:
+def _refuse_unsayable(fault: ScheduledFault, tables: Codec) -> None:
     message, _, signal = fault.where.partition(".")
     if not signal:
         return
@@ -225,7 +225,7 @@ def _refuse_unsayable(fault: Fault, tables: Codec) -> None:
 
 
 def fault_tables(
-    faults: Sequence[Fault], node: NDArray[np.int64], tables: Codec
+    faults: Sequence[ScheduledFault], node: NDArray[np.int64], tables: Codec
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Rows of :mod:`plant_sim.kernels.schedule` and values of faults of the nodes ``node``.
 
@@ -263,7 +263,7 @@ def _add_further(
 
 def build(
     vehicle: Vehicle, *, options: SensorOptions, seed: int, tables: Codec | None = None
-) -> Sensors:
+) -> SensorTables:
     """Tables of all sensor nodes of ``vehicle``; the same seed gives the same sensors.
 
     ``tables`` are the bus's frames, by default those of the contract. A node whose message is not
@@ -314,7 +314,7 @@ def build(
     for name, step in options.lsb.items():
         channel[signal_channel(name), sensor_kernel.LSB] = step
     fault, value = fault_tables(options.faults, node, tables)
-    return Sensors(
+    return SensorTables(
         channel,
         np.array(signals, dtype=np.int64),
         node,

@@ -14,7 +14,7 @@ from plant_sim import can_bus as bus
 from plant_sim.bodies import ports
 from plant_sim.kernels.jit import borrowed, function_at, njit
 from plant_sim.nodes.codec import MAX_PAYLOAD
-from plant_sim.world.world_kernel import OUTBOX, ROWS, STEP_NS, Memory, Parts, advance
+from plant_sim.world.world_kernel import OUTBOX, ROWS, STEP_NS, LoopMemory, Parts, advance
 
 MAILBOXES = 256
 """Room for the mailboxes of either direction."""
@@ -58,7 +58,7 @@ class Connection(NamedTuple):
     """The payload buffer."""
 
 
-class Ticks(NamedTuple):
+class TickSpan(NamedTuple):
     """Ticks to run: the instant of the last one before, their period, and the time to the frames.
 
     The loop ends early once ``stop_logged`` entries are in the bus log.
@@ -71,7 +71,7 @@ class Ticks(NamedTuple):
 
 
 @njit
-def _take_in(firmware: Firmware, world: Memory, count: int, buffer: NDArray[np.uint8]) -> None:
+def _take_in(firmware: Firmware, world: LoopMemory, count: int, buffer: NDArray[np.uint8]) -> None:
     """Put the first ``count`` received frames into their mailboxes."""
     receive = receive_at(firmware.receive)
     for number in range(count):
@@ -90,7 +90,7 @@ def _take_in(firmware: Firmware, world: Memory, count: int, buffer: NDArray[np.u
 
 
 @njit
-def _send(firmware: Firmware, world: Memory, image: NDArray[np.uint8], t_ns: int) -> None:
+def _send(firmware: Firmware, world: LoopMemory, image: NDArray[np.uint8], t_ns: int) -> None:
     """Move the frames in the pending mailboxes to the outbox, in order."""
     clock = world.clock
     for slot in range(firmware.sent):
@@ -111,7 +111,7 @@ def _send(firmware: Firmware, world: Memory, image: NDArray[np.uint8], t_ns: int
 
 
 @njit
-def run(parts: Parts, ecu: Connection, ticks: Ticks, images: NDArray[np.uint8]) -> int:
+def run(parts: Parts, ecu: Connection, ticks: TickSpan, images: NDArray[np.uint8]) -> int:
     """Run ticks until ``images`` is full, the vehicle has rolled over, or a record is full.
 
     Args:

@@ -14,10 +14,10 @@ from plant_sim.faults.effects import power_losses
 from plant_sim.kernels import schedule
 from plant_sim.nodes import codec, sensor_kernel
 from plant_sim.nodes.codec import Codec
-from plant_sim.nodes.sensor_kernel import Sensors
+from plant_sim.nodes.sensor_kernel import SensorTables
 from plant_sim.nodes.sensors import PER_UNIT
 from plant_sim.world import frame_kernel
-from plant_sim.world.frame_kernel import Frames
+from plant_sim.world.frame_kernel import FrameFaults
 
 FRAME_FAULTS = {
     "loss": frame_kernel.LOSS,
@@ -98,7 +98,7 @@ def _add(
     network: can_bus.Network, kind: str, target: int | None, fault: Fault, *, rate: float = 0.0
 ) -> None:
     can_bus.add_fault(
-        network, can_bus.Fault(kind, target, _ns(fault.start), _ns(fault.end), rate=rate)
+        network, can_bus.BusFault(kind, target, _ns(fault.start), _ns(fault.end), rate=rate)
     )
 
 
@@ -125,8 +125,8 @@ def _ns(time: float) -> int:
 
 
 def frames(
-    faults: Iterable[Fault], tables: Codec, nodes: Sensors, network: can_bus.Network
-) -> Frames:
+    faults: Iterable[Fault], tables: Codec, nodes: SensorTables, network: can_bus.Network
+) -> FrameFaults:
     """Return the faults of our frames, with an attacker on the bus where one is needed.
 
     Raises:
@@ -154,10 +154,10 @@ def frames(
             if signal:
                 values[number] *= PER_UNIT[codec.unit(message, signal)]
             add_attackers(clock, network)
-    return Frames(rows, values, signals, clock)
+    return FrameFaults(rows, values, signals, clock)
 
 
-def _target(fault: Fault, tables: Codec, nodes: Sensors) -> tuple[int, NDArray[np.int64]]:
+def _target(fault: Fault, tables: Codec, nodes: SensorTables) -> tuple[int, NDArray[np.int64]]:
     """Return the message of a fault of frames, and the rows of its signal and sample counter."""
     found = np.full(2, -1, dtype=np.int64)
     if fault.where == kinds.BUS:

@@ -16,7 +16,7 @@ from plant_sim.kernels import schedule
 from plant_sim.kernels.jit import njit
 from plant_sim.kernels.random import Stream, uniform
 from plant_sim.nodes import authentication, codec, e2e
-from plant_sim.nodes.authentication import Authentication
+from plant_sim.nodes.authentication import NodeAuthentication
 from plant_sim.nodes.codec import Codec
 
 LOSS, CORRUPTION, DELAY, DUPLICATE, REORDER, SPOOF, REPLAY, WRONG_LENGTH = range(8)
@@ -32,7 +32,7 @@ SHORTEST_CYCLE_MS = 10
 DRAWN, ATTACKER_AT_ECU, ATTACKER_AT_ACTUATOR, N_CLOCK = range(4)
 
 
-class Frames(NamedTuple):
+class FrameFaults(NamedTuple):
     """Faults of frames: rows of :mod:`plant_sim.kernels.schedule`, their values, and signals.
 
     ``signal`` (FAULTS, 2): rows of a spoofed signal and of the sample counter, -1: none.
@@ -119,7 +119,7 @@ def damage(  # noqa: PLR0917
 @njit
 def attack(  # noqa: PLR0917
     frames: Any,  # noqa: ANN401
-    auth: Authentication,
+    auth: NodeAuthentication,
     tables: Codec,
     network: bus.State,
     attacker: int,

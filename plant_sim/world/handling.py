@@ -11,7 +11,7 @@ from canroll.errors import CanrollError, VerdictError
 from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.bodies.ports import Body
-from plant_sim.driving.drive import STEP_NS, Plan, make_drive, steady_steer
+from plant_sim.driving.drive import STEP_NS, ManeuverPlan, make_drive, steady_steer
 from plant_sim.driving.driver import STEER_TABLE
 from plant_sim.driving.maneuvers import Maneuver, build
 from plant_sim.world.open_loop import run_passive
@@ -139,7 +139,7 @@ def frequency_response(
         measured = period * max(2, int(np.ceil(1.0 / (period * step))))
         # The sine's period is a whole number of steps, so that the harmonic leaks nowhere.
         phase = 2 * pi * np.arange(settle + measured) / period
-        plan = Plan(
+        plan = ManeuverPlan(
             (settle + measured) * step,
             kind=STEER_TABLE,
             table=amplitude * np.sin(phase),

@@ -11,7 +11,7 @@ from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.bodies.ports import Body, initial_inputs
 from plant_sim.driving.drive import STEP_NS
-from plant_sim.driving.driver import ACCELERATION_TABLE, Drive, uncounted
+from plant_sim.driving.driver import ACCELERATION_TABLE, DriveInputs, uncounted
 from plant_sim.driving.driver import drive as apply_drive
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.kernels.jit import borrowed, njit
@@ -32,7 +32,7 @@ def advance(  # noqa: PLR0917
     step(state, inputs, parameters, outputs, dt)
 
 
-class _Run(NamedTuple):
+class _OpenRun(NamedTuple):
     state: Vector
     inputs: Vector
     parameters: Vector
@@ -42,7 +42,7 @@ class _Run(NamedTuple):
 
 
 @njit
-def _drive_through(step: Any, drive: Drive, run: _Run, step_ns: int) -> int:  # noqa: ANN401
+def _drive_through(step: Any, drive: DriveInputs, run: _OpenRun, step_ns: int) -> int:  # noqa: ANN401
     """Run until the record is full or the car has rolled over; return the number of steps."""
     inputs, outputs, record = borrowed(run.inputs), borrowed(run.outputs), borrowed(run.record)
     state, parameters, steer = borrowed(run.state), borrowed(run.parameters), borrowed(run.steer)
@@ -97,7 +97,7 @@ def run_passive(
     state, inputs, parameters, outputs = start(vehicle, body, maneuver)
     steps = maneuver.duration_ns // STEP_NS
     record = np.empty((steps, ports.N_OUTPUTS))
-    run = _Run(state, inputs, parameters, outputs, record, np.empty(steps))
+    run = _OpenRun(state, inputs, parameters, outputs, record, np.empty(steps))
     count = _drive_through(body.step, maneuver.drive, run, STEP_NS)
     return run.record[:count], run.steer[:count]
 

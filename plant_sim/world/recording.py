@@ -10,7 +10,7 @@ from plant_sim.bodies import ports
 from plant_sim.bodies.ports import Port
 from plant_sim.kernels.jit import njit
 from plant_sim.nodes import actuator_kernel, envelope
-from plant_sim.nodes.actuator_kernel import Actuators
+from plant_sim.nodes.actuator_kernel import ActuatorNode
 
 INPUTS = ports.N_OUTPUTS
 ACTUATOR = INPUTS + ports.N_INPUTS
@@ -66,7 +66,7 @@ def record(
     number: int,
     outputs: NDArray[np.float64],
     inputs: NDArray[np.float64],
-    node: Actuators,
+    node: ActuatorNode,
 ) -> None:
     """Fill row ``number`` of ``rows`` at the end of a step."""
     row = rows[number]

@@ -25,7 +25,7 @@ from plant_sim.nodes.actuators import ActuatorOptions
 from plant_sim.nodes.codec import CYCLE_MS, IDENT, MAX_PAYLOAD, message_index
 from plant_sim.nodes.sensors import SensorOptions
 from plant_sim.world import fault_parts, recording, world_parts
-from plant_sim.world.ecu_kernel import Connection, Ticks, run
+from plant_sim.world.ecu_kernel import Connection, TickSpan, run
 from plant_sim.world.recording import EVERYTHING, Kept
 from plant_sim.world.spool import Columns, Rows
 from plant_sim.world.world_kernel import (
@@ -229,7 +229,7 @@ class World:
             images = images[:1]
             self._recorded.feed(before_ns + period_ns)
         stop = self._drained + world_parts.LOG_CAPACITY // 2
-        ticks = Ticks(before_ns, period_ns, run_time_ns, stop)
+        ticks = TickSpan(before_ns, period_ns, run_time_ns, stop)
         arguments = (self._parts, ecu, ticks, images)
         if self._run is None:
             self._run = entry(run, arguments)

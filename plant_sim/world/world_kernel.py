@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 from plant_sim import can_bus as bus
 from plant_sim.bodies import ports
 from plant_sim.can_bus.wire.frame import ERROR_STATE, EXTENDED, RECESSIVE_INDICATOR
-from plant_sim.driving.driver import Drive, drive, uncounted
+from plant_sim.driving.driver import DriveInputs, drive, uncounted
 from plant_sim.kernels.jit import borrowed, njit, step_at
 from plant_sim.nodes import actuator_kernel, authentication, codec, envelope, sensor_kernel
-from plant_sim.nodes.actuator_kernel import Actuators
+from plant_sim.nodes.actuator_kernel import ActuatorNode
 from plant_sim.nodes.actuator_models import act
-from plant_sim.nodes.authentication import Authentication
+from plant_sim.nodes.authentication import NodeAuthentication
 from plant_sim.nodes.codec import Codec
-from plant_sim.nodes.sensor_kernel import Sensors
+from plant_sim.nodes.sensor_kernel import SensorTables
 from plant_sim.world import frame_kernel, recording
-from plant_sim.world.frame_kernel import Frames
+from plant_sim.world.frame_kernel import FrameFaults
 
 STEP_NS = 1_000_000
 
@@ -72,7 +72,7 @@ EXTENDED_KEY = 1 << 30
 FLIGHT_SUBMITTED, FLIGHT_SAMPLE, N_FLIGHT = range(3)
 
 
-class Memory(NamedTuple):
+class LoopMemory(NamedTuple):
     """State of the loop besides driver and bus; becomes one record.
 
     ``state`` and ``parameters`` have room for every body's; ``STATES`` and ``PARAMETERS`` count
@@ -89,15 +89,15 @@ class Memory(NamedTuple):
     outbox: NDArray[Any]
     flight: NDArray[np.int64]
     roles: NDArray[np.uint8]
-    frames: Frames
-    sensors: Sensors
-    actuators: Actuators
-    authentication: Authentication
+    frames: FrameFaults
+    sensors: SensorTables
+    actuators: ActuatorNode
+    authentication: NodeAuthentication
     tables: Codec
 
 
 class Parts(NamedTuple):
-    """All data of the loop, changed in place; ``memory`` is a record of ``Memory``.
+    """All data of the loop, changed in place; ``memory`` is a record of ``LoopMemory``.
 
     Only arrays whose size differs between runs are outside the record.
     """
@@ -105,7 +105,7 @@ class Parts(NamedTuple):
     memory: NDArray[Any]
     rows: NDArray[np.float64]
     commands: NDArray[np.int64]
-    drive: Drive
+    drive: DriveInputs
     network: bus.Network
 
 
@@ -124,7 +124,7 @@ def _key(ident: int, flags: int) -> int:
 
 
 @njit
-def _post(world: Memory, network: bus.State) -> None:
+def _post(world: LoopMemory, network: bus.State) -> None:
     """Queue the frames submitted by the ECU, and record the newest sample each command can use."""
     clock = world.clock
     for k in range(clock[OUTBOX]):
@@ -156,7 +156,7 @@ def _post(world: Memory, network: bus.State) -> None:
 
 
 @njit
-def _accepted(world: Memory, row: NDArray[np.int64], t_origin: int, t_received: int) -> None:
+def _accepted(world: LoopMemory, row: NDArray[np.int64], t_origin: int, t_received: int) -> None:
     """Record a command that the actuators will apply in the next step."""
     clock = world.clock
     row[recording.SAMPLED] = NOTHING
@@ -172,7 +172,7 @@ def _accepted(world: Memory, row: NDArray[np.int64], t_origin: int, t_received: 
 
 
 @njit
-def _forged(world: Memory, entry: Any) -> bool:  # noqa: ANN401
+def _forged(world: LoopMemory, entry: Any) -> bool:  # noqa: ANN401
     """Whether an attacker has sent a frame."""
     at_ecu = world.frames.clock[frame_kernel.ATTACKER_AT_ECU]
     at_actuator = world.frames.clock[frame_kernel.ATTACKER_AT_ACTUATOR]
@@ -181,7 +181,7 @@ def _forged(world: Memory, entry: Any) -> bool:  # noqa: ANN401
 
 @njit
 def _take(
-    world: Memory,
+    world: LoopMemory,
     row: int,
     entry: Any,  # noqa: ANN401
     payload: NDArray[np.uint8],
@@ -209,7 +209,7 @@ def _take(
 
 @njit
 def _hand_over(
-    world: Memory,
+    world: LoopMemory,
     row: int,
     entry: Any,  # noqa: ANN401
     payload: NDArray[np.uint8],
@@ -227,7 +227,7 @@ def _hand_over(
 
 
 @njit
-def _deliver(world: Memory, network: bus.State, commands: NDArray[np.int64]) -> None:
+def _deliver(world: LoopMemory, network: bus.State, commands: NDArray[np.int64]) -> None:
     """Pass frames delivered by the bus since the last call to the actuators and the ECU."""
     clock = world.clock
     total = network.clock[bus.LOGGED]
@@ -299,7 +299,7 @@ def _deliver(world: Memory, network: bus.State, commands: NDArray[np.int64]) -> 
 
 
 @njit
-def sense(world: Memory, network: bus.State, number: int, now_ns: int) -> None:
+def sense(world: LoopMemory, network: bus.State, number: int, now_ns: int) -> None:
     """Sample at every instant of the node's clock up to ``now_ns`` and queue the frames."""
     clock = world.clock
     node = world.sensors.node[number]

@@ -25,7 +25,7 @@ from plant_sim.nodes.sensors import SensorOptions
 from plant_sim.world import fault_parts, open_loop, recording
 from plant_sim.world import world_kernel as kernel
 from plant_sim.world.step_size import check_step
-from plant_sim.world.world_kernel import Memory, Parts
+from plant_sim.world.world_kernel import LoopMemory, Parts
 from vehicles.actuators import ACTUATORS
 from vehicles.model import Vehicle
 
@@ -104,7 +104,7 @@ def _sensors(  # noqa: PLR0917
     inputs: NDArray[np.float64],
     outputs: NDArray[np.float64],
     tables: Codec,
-) -> sensor_kernel.Sensors:
+) -> sensor_kernel.SensorTables:
     """Sensor nodes on their bus nodes, with low-passes settled at the initial state."""
     nodes = sensor_setup.build(vehicle, options=options, seed=seed, tables=tables)
     for row in nodes.node:
@@ -116,7 +116,9 @@ def _sensors(  # noqa: PLR0917
     return nodes
 
 
-def _clock(nodes: sensor_kernel.Sensors, network: can_bus.Network, seed: int) -> NDArray[np.int64]:
+def _clock(
+    nodes: sensor_kernel.SensorTables, network: can_bus.Network, seed: int
+) -> NDArray[np.int64]:
     clock = np.zeros(kernel.N_CLOCK, dtype=np.int64)
     clock[kernel.IMU_SAMPLE] = kernel.NOTHING
     clock[kernel.IMU_LATENCY] = nodes.node[sensor_setup.NODES.index("Imu"), sensor_kernel.LATENCY]
@@ -186,7 +188,7 @@ def assemble(
     clock[kernel.STEP] = plant.step.address
     clock[kernel.STATES], clock[kernel.PARAMETERS] = len(state), len(parameters)
     roles = _roles(actuator, tables)
-    memory = Memory(
+    memory = LoopMemory(
         clock=clock,
         state=_in_room(state, STATES_MAX),
         inputs=inputs,

@@ -11,8 +11,8 @@ from canroll.cli.main import main
 from canroll.errors import CanrollError
 from hil.check import judgement, machine
 from hil.check.judgement import Measurements
-from hil.check.loops import ECU, PLANT, SPARE, Loop, Place
-from hil.check.machine import Core, Counters, Machine
+from hil.check.loops import ECU, PLANT, SPARE, LoopTimes, Placement
+from hil.check.machine import Core, Counters, HostMachine
 from hil.check.round_trip import RoundTrip
 from hil.check.workers import Child, ended
 
@@ -21,7 +21,7 @@ def us(*values):
     return np.array(values, np.int64) * 1000
 
 
-MACHINE = Machine(
+MACHINE = HostMachine(
     cores=(Core(0, isolated=False), Core(1, isolated=False)),
     kernel="6.1",
     realtime_kernel=False,
@@ -35,8 +35,8 @@ MACHINE = Machine(
 QUIET = Measurements(
     machine=MACHINE,
     loops=(
-        Loop(Place(0, PLANT, 50), us(5, 80), own_s=0.1),
-        Loop(Place(1, ECU, 60), us(5, 100), us(20, 50), own_s=0.2),
+        LoopTimes(Placement(0, PLANT, 50), us(5, 80), own_s=0.1),
+        LoopTimes(Placement(1, ECU, 60), us(5, 100), us(20, 50), own_s=0.2),
     ),
     bus=RoundTrip("socketcan vcan0", us(60, 250), us(2)),
     seconds=10.0,
@@ -73,7 +73,7 @@ def test_a_late_plant_counts_and_a_spare_core_does_not():
     plant, ecu = QUIET.loops
     late = us(3000)
     assert not judgement.holds(replace(QUIET, loops=(replace(plant, late_ns=late), ecu)), 5.0)
-    spare = Loop(Place(2, SPARE, 50), late)
+    spare = LoopTimes(Placement(2, SPARE, 50), late)
     assert judgement.holds(replace(QUIET, loops=(plant, ecu, spare)), 1.0)
 
 

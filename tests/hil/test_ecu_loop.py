@@ -37,7 +37,7 @@ class Loop:
 
 def run(clock, bus, calibration, *, took=None, ticks=20, **options):
     ecu = Loop(clock, took or {})
-    recorder = tick_trace.Recorder(ticks=1000, frames=1000)
+    recorder = tick_trace.TickRecorder(ticks=1000, frames=1000)
     options.setdefault("duration_ns", ticks * PERIOD + 1)
     outcome = ecu_loop.run(ecu, bus, recorder, calibration, stop=Stop(), **options)
     return ecu, recorder.ticks(), outcome
@@ -92,7 +92,7 @@ def test_ends_when_the_vehicle_falls_silent(clock, list_bus, calibration):
         return original(elapsed)
 
     ecu.tick = tick
-    recorder = tick_trace.Recorder(ticks=1000, frames=1000)
+    recorder = tick_trace.TickRecorder(ticks=1000, frames=1000)
     outcome = ecu_loop.run(
         ecu, list_bus, recorder, calibration, stop=Stop(), peer_timeout_ns=800_000_000
     )
@@ -133,7 +133,7 @@ def test_the_last_command_asks_for_nothing(calibration, actuator, message):
 def test_stops_on_request_with_the_zero_command_last(clock, list_bus, calibration):
     stop = Stop(requested=True)
     ecu = Loop(clock, {})
-    recorder = tick_trace.Recorder(ticks=10, frames=10)
+    recorder = tick_trace.TickRecorder(ticks=10, frames=10)
     outcome = ecu_loop.run(ecu, list_bus, recorder, calibration, stop=stop)
     assert outcome.reason == ecu_loop.STOPPED
     assert outcome.ticks == 1
@@ -143,7 +143,7 @@ def test_stops_on_request_with_the_zero_command_last(clock, list_bus, calibratio
 def test_the_trace_of_a_long_run_does_not_stay_in_memory(monkeypatch):
     """Ten blocks and a bit, with a tick of more frames than a block holds."""
     monkeypatch.setattr(spool, "IN_MEMORY", 0)
-    recorder = tick_trace.Recorder(ticks=7, frames=20)
+    recorder = tick_trace.TickRecorder(ticks=7, frames=20)
     reserved = len(recorder._ticks), len(recorder._frames)
     for number in range(75):
         for k in range(50 if number == 40 else 3):
@@ -164,7 +164,7 @@ def test_a_trace_that_cannot_be_written_ends_and_the_loop_goes_on(monkeypatch):
     def no_space(*_):
         raise CanrollError("cannot record the run")
 
-    recorder = tick_trace.Recorder(ticks=2, frames=5)
+    recorder = tick_trace.TickRecorder(ticks=2, frames=5)
     recorder.tick(0, 1, 0, 0, 0)
     monkeypatch.setattr(spool.Rows, "append", no_space)
     for number in range(1, 20):
@@ -207,7 +207,7 @@ def drive_world(clock):
     world = build_world(settings, enabled=True)
     bus = WorldBus(world, clock)
     ecu = PythonEcu(controller.record)
-    recorder = tick_trace.Recorder(ticks=1000, frames=10_000)
+    recorder = tick_trace.TickRecorder(ticks=1000, frames=10_000)
     seconds = 3.0
     ecu_loop.run(
         ecu, bus, recorder, controller.record, stop=Stop(), duration_ns=round(seconds * 1e9)

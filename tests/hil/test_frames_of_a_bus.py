@@ -16,7 +16,7 @@ from canroll.runs.experiment import build_world, plan
 from codegen.run.backends import open_backend
 from hil import ecu_loop, plant_loop, tick_trace
 from hil.bus_link import EXTENDED, CanLink
-from hil.lockstep import ACKNOWLEDGEMENT, GRANT, Channel, GrantedEcu, Grants
+from hil.lockstep import ACKNOWLEDGEMENT, GRANT, GrantChannel, GrantedEcu, Grants
 from hil.process import Stop
 
 SECONDS = 600_000_000
@@ -67,7 +67,7 @@ class Ecu(threading.Thread):
         self.record, self.link, self.firmware = controller.record, link, settings.firmware
         self.stop = Stop()
         self.backend = open_backend("python", self.record, self.firmware)
-        self.recorder = tick_trace.Recorder(ticks=1000, frames=10_000, room=self.firmware.room)
+        self.recorder = tick_trace.TickRecorder(ticks=1000, frames=10_000, room=self.firmware.room)
         self.outcome = None
 
     def trace(self):
@@ -79,7 +79,7 @@ class Ecu(threading.Thread):
 
 class GrantedThread(Ecu):
     def run(self):
-        channel = Channel(self.link, sends=ACKNOWLEDGEMENT, hears=GRANT)
+        channel = GrantChannel(self.link, sends=ACKNOWLEDGEMENT, hears=GRANT)
         grants = Grants(
             self.link,
             channel,
@@ -124,7 +124,7 @@ def test_lock_step_gives_the_frames_of_virtual_time(planned, links, database):
     ecu = GrantedThread(planned, link)
     ecu.start()
     stop, world = Stop(), build_world(settings, enabled=True)
-    channel = Channel(plant, sends=GRANT, hears=ACKNOWLEDGEMENT)
+    channel = GrantChannel(plant, sends=GRANT, hears=ACKNOWLEDGEMENT)
     idents = plant_loop.sent_by(settings.firmware)
     granted = GrantedEcu(plant, channel, idents=idents, stop=stop, peer_timeout=20.0)
     assert granted.greet(20.0)
@@ -177,4 +177,4 @@ def test_real_time_over_the_virtual_interface(planned, links, database):
 
 def test_a_frame_with_the_identifier_of_a_grant_is_refused(links):
     with pytest.raises(CanrollError, match="0x1CA00000 of a frame: use --pace realtime"):
-        Channel(links[0], sends=GRANT, hears=ACKNOWLEDGEMENT, idents=[0x80, GRANT])
+        GrantChannel(links[0], sends=GRANT, hears=ACKNOWLEDGEMENT, idents=[0x80, GRANT])

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from canroll.cli.main import main
 from hil import bus_link, timing
 from hil.hardware import bus_record, error_frames, interfaces
-from hil.hardware.bus_record import ENTRY, ERROR, SENT, BusRecord, Source
+from hil.hardware.bus_record import ENTRY, ERROR, SENT, BusRecord, RecordOrigin
 from plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE, length_of
 
 MS = 1_000_000
-KERNEL = Source("socketcan can0", interfaces.KERNEL, True, 500_000, True)
+KERNEL = RecordOrigin("socketcan can0", interfaces.KERNEL, True, 500_000, True)
 PAGE = (Path(__file__).parents[2] / "docs" / "realtime.md").read_text(encoding="utf-8")
 
 

@@ -16,7 +16,7 @@ from firmware.com.signals import TX_IDS
 from firmware.plausibility import FAULT_OWN_IDENTIFIER_HEARD
 from hil import ecu_loop, lockstep, plant_loop, tick_trace
 from hil.bus_link import EXTENDED
-from hil.lockstep import ACKNOWLEDGEMENT, END, GRANT, Channel, GrantedEcu, Grants, Note
+from hil.lockstep import ACKNOWLEDGEMENT, END, GRANT, GrantChannel, GrantedEcu, Grants, Note
 from hil.process import Stop
 
 PLANTS = {message.frame_id for message in dbc.load().messages}.difference(TX_IDS)
@@ -68,7 +68,7 @@ class Ecu(threading.Thread):
     def __init__(self, record, link, channel=None, timeout=20.0):
         super().__init__(daemon=True)
         self.record, self.link, self.stop = record, link, Stop()
-        channel = channel or Channel(link, sends=ACKNOWLEDGEMENT, hears=GRANT)
+        channel = channel or GrantChannel(link, sends=ACKNOWLEDGEMENT, hears=GRANT)
         self.grants = Grants(
             link,
             channel,
@@ -77,7 +77,7 @@ class Ecu(threading.Thread):
             tick_us=record.tick_us,
             stop=self.stop,
         )
-        self.recorder = tick_trace.Recorder(ticks=1000, frames=10_000)
+        self.recorder = tick_trace.TickRecorder(ticks=1000, frames=10_000)
         self.outcome = self.error = None
         self.timeout = timeout
 
@@ -115,7 +115,7 @@ def virtual(planned):
 def drive(planned, plant, channel=None, *, stop=None, timeout=20.0):
     """Drive the plant's side until it ends: its world and its outcome."""
     world = build_world(planned[0], enabled=True)
-    channel = channel or Channel(plant, sends=GRANT, hears=ACKNOWLEDGEMENT)
+    channel = channel or GrantChannel(plant, sends=GRANT, hears=ACKNOWLEDGEMENT)
     stop = stop or Stop()
     ecu = GrantedEcu(plant, channel, idents=TX_IDS, stop=stop, peer_timeout=timeout)
     assert ecu.greet(20.0)
@@ -286,7 +286,7 @@ def test_an_ecu_that_says_nothing_is_lost(bus, planned, monkeypatch):
     plant, link = bus
     ecu = GrantedEcu(
         plant,
-        Channel(plant, sends=GRANT, hears=ACKNOWLEDGEMENT),
+        GrantChannel(plant, sends=GRANT, hears=ACKNOWLEDGEMENT),
         idents=TX_IDS,
         stop=Stop(),
         peer_timeout=0.05,
@@ -302,7 +302,7 @@ def test_an_ecu_that_says_nothing_is_lost(bus, planned, monkeypatch):
 
 def test_an_ecu_with_another_tick_cannot_take_over(bus, planned):
     plant, link = bus
-    channel = Channel(plant, sends=GRANT, hears=ACKNOWLEDGEMENT)
+    channel = GrantChannel(plant, sends=GRANT, hears=ACKNOWLEDGEMENT)
     ecu = GrantedEcu(plant, channel, idents=TX_IDS, stop=Stop(), peer_timeout=5.0)
     link.send(ACKNOWLEDGEMENT, Note(0, 0, 10_000).payload())
     assert ecu.greet(5.0)

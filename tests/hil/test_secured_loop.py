@@ -85,7 +85,7 @@ def test_the_trace_of_a_later_start_replays(planned, tmp_path):
     memory = tmp_path / "ecu.json"
     started(planned, memory)
     world, ecu = build_world(settings, enabled=True), started(planned, memory)
-    recorder = tick_trace.Recorder(room=settings.firmware.room)
+    recorder = tick_trace.TickRecorder(room=settings.firmware.room)
     for number in range(1, 60):
         for frame in world.advance(10 * MS * number):
             payload = frame["payload"][: frame["length"]].tobytes()

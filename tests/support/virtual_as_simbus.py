@@ -9,13 +9,13 @@ import io
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from plant_sim.can_bus.servers.hub import Port
+    from plant_sim.can_bus.servers.hub import HubPort
 
 
 class Waiting:
     """The received frames of a bus, as a queue."""
 
-    def __init__(self, port: "Port") -> None:
+    def __init__(self, port: "HubPort") -> None:
         self.port = port
 
     def qsize(self) -> int:

@@ -25,7 +25,7 @@ from canroll.errors import CanrollError
 from canroll.reaction.fault_codes import in_words
 from canroll.runs import experiment
 from canroll.runs.result import Settings
-from canroll.setup.controller import Controller
+from canroll.setup.controller import PreparedController
 from canroll.studies.variation import DEFAULT_SPREAD, draw
 from firmware.plausibility import (
     FAULT_ACTUATOR_CONTRADICTED,
@@ -97,7 +97,7 @@ def drawn(number: int) -> tuple[str, dict[str, Any], bool, bool]:
 
 
 @lru_cache(maxsize=1)
-def designed(design: tuple[str, ...]) -> tuple[Settings, Controller]:
+def designed(design: tuple[str, ...]) -> tuple[Settings, PreparedController]:
     """Return settings and controller of a design, values of ``DESIGN``."""
     return experiment.plan(MANEUVERS[0], **dict(zip(DESIGN, design, strict=True)))  # type: ignore[misc]
 

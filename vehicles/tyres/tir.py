@@ -29,7 +29,7 @@ TABLES = ("SHAPE",)
 """Sections of rows instead of keys."""
 
 
-class Entry(NamedTuple):
+class TirEntry(NamedTuple):
     """One key of a file: section, value and line."""
 
     section: str
@@ -48,7 +48,7 @@ def read(path: Path) -> Coefficients:
         content = text(path)
     except (OSError, ValueError) as error:
         raise CanrollError(f"cannot read tyre file {path}: {reason(error)}") from error
-    entries: dict[str, Entry] = {}
+    entries: dict[str, TirEntry] = {}
     for key, entry in _entries(content, path):
         if entry.section == "UNITS":
             _check_unit(key, entry, path)
@@ -70,7 +70,7 @@ def read(path: Path) -> Coefficients:
     return Coefficients(values)
 
 
-def _entries(content: str, path: Path) -> Iterator[tuple[str, Entry]]:
+def _entries(content: str, path: Path) -> Iterator[tuple[str, TirEntry]]:
     """Keys with a value, in capitals; a key without value is missing."""
     section = ""
     for number, raw in enumerate(content.splitlines(), 1):
@@ -88,7 +88,7 @@ def _entries(content: str, path: Path) -> Iterator[tuple[str, Entry]]:
             )
         value = value.strip().strip("'\"").strip()
         if value:
-            yield key.strip().upper(), Entry(section, value, number)
+            yield key.strip().upper(), TirEntry(section, value, number)
 
 
 def _without_comment(line: str) -> str:
@@ -103,7 +103,7 @@ def _without_comment(line: str) -> str:
     return line
 
 
-def _check_unit(key: str, entry: Entry, path: Path) -> None:
+def _check_unit(key: str, entry: TirEntry, path: Path) -> None:
     if key in UNITS and entry.value.lower() not in UNITS[key]:
         raise CanrollError(
             f"{path}, line {entry.line}: {key} in {entry.value}: only SI units are read; convert "
@@ -111,7 +111,7 @@ def _check_unit(key: str, entry: Entry, path: Path) -> None:
         )
 
 
-def _number(key: str, entry: Entry, path: Path) -> float:
+def _number(key: str, entry: TirEntry, path: Path) -> float:
     if key == "TYRESIDE":
         side = SIDES.get(entry.value.upper())
         if side is None:
@@ -128,7 +128,7 @@ def _number(key: str, entry: Entry, path: Path) -> float:
     return number
 
 
-def _check(values: dict[str, float], entries: dict[str, Entry], path: Path) -> None:
+def _check(values: dict[str, float], entries: dict[str, TirEntry], path: Path) -> None:
     """Refuse what is no tyre of these versions, one line each."""
     for key in NEEDED:
         if key not in values:

@@ -13,7 +13,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from plant_sim.can_bus.bounds.demand import Demand, Task, task_of, with_offsets
+from plant_sim.can_bus.bounds.demand import Demand, MessageDemand, task_of, with_offsets
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import duration_ns
 
@@ -138,8 +138,8 @@ class _Round:
     data_bitrate: int
     errors: ErrorModel | None
     offsets: bool
-    own: list[Task] = field(init=False)
-    others: list[Task] = field(init=False)
+    own: list[MessageDemand] = field(init=False)
+    others: list[MessageDemand] = field(init=False)
 
     def __post_init__(self) -> None:
         """Describe every message as analysed, and as interference on others."""
@@ -183,7 +183,7 @@ class _Level:
     """A priority level: its messages, those of higher priority, blocking, and errors."""
 
     higher: Sequence[Demand]
-    own: Sequence[Task]
+    own: Sequence[MessageDemand]
     blocking: int
     bit: int
     errors: ErrorModel | None
@@ -240,7 +240,7 @@ class _Level:
         return self._steps > 0
 
 
-def _bound(task: Task, level: _Level) -> _Found:
+def _bound(task: MessageDemand, level: _Level) -> _Found:
     busy = None if level.overloaded else level.busy()
     if busy is None:
         return None, 0
@@ -257,7 +257,7 @@ def _bound(task: Task, level: _Level) -> _Found:
     return (worst, queued), instances
 
 
-def _queue_bound(task: Task, level: _Level) -> _Found:
+def _queue_bound(task: MessageDemand, level: _Level) -> _Found:
     """Bound a message behind all frames of its queue that came no later.
 
     The queue is one level of priority, that of its least urgent message, served in order. The

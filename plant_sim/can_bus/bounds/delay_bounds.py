@@ -14,7 +14,7 @@ from canroll.errors import CanrollError, VerdictError
 from plant_sim.buses.profile import BusProfile
 from plant_sim.buses.topology import NODES, Topology
 from plant_sim.can_bus.bounds.analysis import ErrorModel, ResponseBound
-from plant_sim.can_bus.bounds.holistic import Arrival, arrivals
+from plant_sim.can_bus.bounds.holistic import HolisticArrival, arrivals
 from plant_sim.can_bus.network.own_frames import DEFAULT_COMMAND, MS, own_messages
 from plant_sim.can_bus.network.profiles import routed_messages
 from plant_sim.can_bus.network.routing import RoutedMessage, RoutedNetwork
@@ -95,14 +95,14 @@ def loop_network(
     return RoutedNetwork(profile.network, routed)
 
 
-def path_of(arrival: Arrival) -> Path:
+def path_of(arrival: HolisticArrival) -> Path:
     """Return the bounds of an arrival that is bounded."""
     assert arrival.greatest_ns is not None
     return Path(arrival.least_ns * _NS, arrival.greatest_ns * _NS)
 
 
 def path_to_receivers(
-    topology: Topology, routed: RoutedMessage, bounds: Mapping[int, Arrival]
+    topology: Topology, routed: RoutedMessage, bounds: Mapping[int, HolisticArrival]
 ) -> Path | ResponseBound:
     """Return the bounds to the farthest receiver, or the response that has none."""
     receivers = {topology.place(r) for r in routed.message.receivers if r in NODES}

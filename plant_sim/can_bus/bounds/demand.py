@@ -30,7 +30,7 @@ class Demand(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class MessageDemand:
     """A message as analysed, times in ns; its exact period is ``above / below``."""
 
     key: int
@@ -69,7 +69,7 @@ class OffsetDemand:
     (transactions of Tindell 1994, Palencia and González Harbour 1998).
     """
 
-    tasks: Sequence[Task]
+    tasks: Sequence[MessageDemand]
     _starts: NDArray[np.int64] = field(init=False, repr=False)
     _known: dict[int, int] = field(init=False, repr=False, default_factory=dict)
 
@@ -107,14 +107,14 @@ class OffsetDemand:
         return self._known[window]
 
 
-def with_offsets(tasks: Sequence[tuple[str, Task]]) -> list[Demand]:
+def with_offsets(tasks: Sequence[tuple[str, MessageDemand]]) -> list[Demand]:
     """Return the demand of (node, message) pairs, joined by node if its offsets can be used.
 
     They cannot if a period of the node is not a whole number of nanoseconds, or if the hyperperiod
     has too many releases.
     """
     found: list[Demand] = []
-    nodes: dict[str, list[Task]] = {}
+    nodes: dict[str, list[MessageDemand]] = {}
     for node, task in tasks:
         nodes.setdefault(node, []).append(task)
     for own in nodes.values():
@@ -128,10 +128,12 @@ def with_offsets(tasks: Sequence[tuple[str, Task]]) -> list[Demand]:
     return found
 
 
-def task_of(message: BusMessage, bitrate: int, data_bitrate: int, waiting: int = 0) -> Task:
+def task_of(
+    message: BusMessage, bitrate: int, data_bitrate: int, waiting: int = 0
+) -> MessageDemand:
     """Return a message as analysed; ``waiting``: ns in a queue before arbitration."""
     above, below = float(message.period_ns).as_integer_ratio()
-    return Task(
+    return MessageDemand(
         message.arbitration_key,
         above,
         below,

@@ -24,7 +24,7 @@ UNLIMITED: Final = "a gateway passes on a message of at least this priority with
 
 
 @dataclass(frozen=True, slots=True)
-class Arrival:
+class HolisticArrival:
     """Bounds of a message's arrival on a segment, in ns from its nominal release by the sender.
 
     ``least_ns``: earliest reception. ``greatest_ns``: latest end of the interframe space, None if
@@ -41,7 +41,7 @@ def arrivals(
     *,
     errors: ErrorModel | None = None,
     offsets: bool = False,
-) -> list[dict[int, Arrival]]:
+) -> list[dict[int, HolisticArrival]]:
     """Return the bounds of every message's arrival on each of its segments, by segment number.
 
     Args:
@@ -131,8 +131,8 @@ def _arrivals(
     number: int,
     routed: RoutedMessage,
     bounds: Sequence[dict[int, ResponseBound]],
-) -> dict[int, Arrival]:
-    answer: dict[int, Arrival] = {}
+) -> dict[int, HolisticArrival]:
+    answer: dict[int, HolisticArrival] = {}
     for segment in routed.segments:
         nominal, least = 0, topology.least_jitter_ns(routed.message.sender)
         for hop in routed.way_to(segment):
@@ -141,7 +141,9 @@ def _arrivals(
             least += _delivery(topology, routed, hop.source) + low
         here = bounds[segment][number]
         greatest = None if here.bound_ns is None else nominal + here.bound_ns
-        answer[segment] = Arrival(least + _delivery(topology, routed, segment), greatest, here)
+        answer[segment] = HolisticArrival(
+            least + _delivery(topology, routed, segment), greatest, here
+        )
     return answer
 
 

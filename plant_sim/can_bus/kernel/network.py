@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.buses.topology import PUNCTUAL, Spread
+from plant_sim.buses.topology import PUNCTUAL, TimeSpread
 from plant_sim.can_bus.kernel import layout
 from plant_sim.can_bus.kernel.layout import Network, Records
 from plant_sim.can_bus.kernel.sources import start_source
@@ -64,7 +64,7 @@ class Node:
     drift_ppm: float = 0.0
     single_shot: bool = False
     recovers: bool = True
-    jitter: Spread = PUNCTUAL
+    jitter: TimeSpread = PUNCTUAL
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ class Gateway:
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class BusFault:
     """A scripted fault, active from ``from_ns`` until before ``until_ns``.
 
     ``kind``: ``node_down`` (it neither sends nor hears), ``node_mute`` (it hears but does not send)
@@ -139,7 +139,7 @@ class NetworkSpec:
     nodes: tuple[Node, ...]
     sources: tuple[Source, ...] = ()
     gateways: tuple[Gateway, ...] = ()
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[BusFault, ...] = ()
     seed: int = 0
     log_capacity: int = 1 << 14
 
@@ -285,7 +285,7 @@ def add_node(network: Network, node: Node) -> int:
     return number
 
 
-def _draw_from(network: Network, record: Records, spread: Spread) -> None:
+def _draw_from(network: Network, record: Records, spread: TimeSpread) -> None:
     """Fill in a time that is drawn for every frame."""
     first, count = int(network.clock[layout.SAMPLES]), len(spread.samples_ns)
     if first + count > layout.MAX_SAMPLES:
@@ -306,7 +306,7 @@ def _add_gateways(network: Network, spec: NetworkSpec, names: Sequence[str]) -> 
         record["from_node"] = _number(names, gateway.from_node)
         record["to_node"] = _number(names, gateway.to_node)
         high = max(gateway.high_ns, gateway.low_ns)
-        _draw_from(network, record, Spread(gateway.low_ns, high, gateway.samples_ns))
+        _draw_from(network, record, TimeSpread(gateway.low_ns, high, gateway.samples_ns))
         record["distribution"] = _code("latency distribution", DISTRIBUTIONS, gateway.distribution)
         record["mean_ns"] = gateway.mean_ns
         record["routes"] = -1 if gateway.idents is None else len(gateway.idents)
@@ -314,7 +314,7 @@ def _add_gateways(network: Network, spec: NetworkSpec, names: Sequence[str]) -> 
             network.part("routes")[i, j] = arbitration_key(ident, flags)
 
 
-def add_fault(network: Network, fault: Fault, names: Sequence[str] = ()) -> None:
+def add_fault(network: Network, fault: BusFault, names: Sequence[str] = ()) -> None:
     """Add a fault to a network, at any time; ``names`` are those of its nodes.
 
     Raises:

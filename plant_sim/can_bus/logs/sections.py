@@ -36,7 +36,7 @@ _SHOWN: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class TimeStep:
     """A step of the times at a frame (index in the log), ns; negative: back."""
 
     frame: int
@@ -52,7 +52,7 @@ class Sections:
     """Sections of a log: indices of their frames in the log's order, and where its times step."""
 
     rows: Sequence[NDArray[np.int64]]
-    steps: Sequence[Step]
+    steps: Sequence[TimeStep]
 
     def choose(self, number: int | None) -> tuple[NDArray[np.int64], str]:
         """Return the rows of a section, None: the one with most frames, and what to say of it."""
@@ -97,7 +97,7 @@ def find_sections(times_ns: NDArray[np.int64]) -> Sections:
     for place, back in enumerate(backs.tolist(), 1):
         pauses |= _undone(gaps, bounds[place - 1], back, bounds[place + 1])
     cuts = sorted({*backs.tolist(), *pauses})
-    steps = [Step(cut, int(gaps[cut - 1])) for cut in cuts]
+    steps = [TimeStep(cut, int(gaps[cut - 1])) for cut in cuts]
     pieces = np.split(np.arange(len(times_ns)), cuts)
     rows = []
     while pieces:

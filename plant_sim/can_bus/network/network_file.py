@@ -14,7 +14,14 @@ from canroll.errors import CanrollError, UnknownNameError, reason
 from dbc.reader import Files, each, paths_of
 from plant_sim import buses
 from plant_sim.buses.profile import BusProfile, accept
-from plant_sim.buses.topology import NODES, BusGateway, BusSegment, Spread, Topology, check_times
+from plant_sim.buses.topology import (
+    NODES,
+    BusGateway,
+    BusSegment,
+    TimeSpread,
+    Topology,
+    check_times,
+)
 from plant_sim.can_bus.traffic.files import DATABASES, load_traffic
 
 _Kind: TypeAlias = type | tuple[type, ...]
@@ -250,7 +257,7 @@ def _number(where: str, names: Sequence[str], name: object) -> int:
     return names.index(str(name))
 
 
-def _jitter(table: Mapping[str, Any], path: Path) -> dict[str, Spread]:
+def _jitter(table: Mapping[str, Any], path: Path) -> dict[str, TimeSpread]:
     found = {}
     for name, node in table.get("node", {}).items():
         where = f"{path} [node.{name}]"
@@ -264,13 +271,13 @@ def _jitter(table: Mapping[str, Any], path: Path) -> dict[str, Spread]:
     return found
 
 
-def _spread(given: object, path: Path, where: str, *, at_least: float | None) -> Spread:
+def _spread(given: object, path: Path, where: str, *, at_least: float | None) -> TimeSpread:
     """A time in ms: a number, least and greatest, or a file of measured ones.
 
     ``at_least``: where a single number is the greatest, the least; None: it is exact.
     """
     if isinstance(given, str):
-        return Spread.of_samples(_samples(path.parent / given, where))
+        return TimeSpread.of_samples(_samples(path.parent / given, where))
     times = [given] if not isinstance(given, list) else given
     exact = [float(t) for t in times if isinstance(t, int | float) and not isinstance(t, bool)]
     if len(exact) != len(times) or len(times) != (2 if isinstance(given, list) else 1):
@@ -280,7 +287,7 @@ def _spread(given: object, path: Path, where: str, *, at_least: float | None) ->
         )
     low = exact[0] if len(exact) == 2 or at_least is None else at_least
     check_times(where, low, exact[-1])
-    return Spread(round(low * _MS), round(exact[-1] * _MS))
+    return TimeSpread(round(low * _MS), round(exact[-1] * _MS))
 
 
 def _samples(path: Path, where: str) -> tuple[int, ...]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from plant_sim.buses.topology import Spread
+from plant_sim.buses.topology import TimeSpread
 from plant_sim.can_bus.kernel.network import (
     MAX_CAPACITY,
     Gateway,
@@ -63,7 +63,9 @@ def network_spec(
     )
 
 
-def _one_way(latency: Spread, source: str, target: str, passed: Sequence[BusMessage]) -> Gateway:
+def _one_way(
+    latency: TimeSpread, source: str, target: str, passed: Sequence[BusMessage]
+) -> Gateway:
     """One direction of a gateway, from node to node."""
     distribution = "sampled" if latency.samples_ns else "uniform"
     if latency.low_ns == latency.high_ns:

@@ -9,7 +9,7 @@ from plant_sim.buses.topology import NODES, PUNCTUAL
 from plant_sim.can_bus.kernel.layout import Network
 from plant_sim.can_bus.kernel.network import (
     MAX_CAPACITY,
-    Fault,
+    BusFault,
     NetworkSpec,
     Node,
     add_node,
@@ -109,7 +109,7 @@ def profile_spec(
     seed: int = 0,
     command: str = DEFAULT_COMMAND,
     background: bool = True,
-    faults: Sequence[Fault] = (),
+    faults: Sequence[BusFault] = (),
     bit_error_rate: float | None = None,
     policy: str = "replace",
     log_capacity: int = 1 << 14,

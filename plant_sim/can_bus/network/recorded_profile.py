@@ -9,7 +9,7 @@ from plant_sim.can_bus.traffic.added_messages import missing_from
 from plant_sim.can_bus.traffic.inference import InferredBus, infer_channel
 from plant_sim.can_bus.traffic.log_name import log_name
 from plant_sim.can_bus.traffic.log_reader import read_log, select_channel
-from plant_sim.can_bus.traffic.looped import Loop, loop_of
+from plant_sim.can_bus.traffic.looped import LoopedFrames, loop_of
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 
@@ -43,7 +43,7 @@ class RecordedProfile(BusProfile):
         recorded = (m.message for m in self.bus.messages)
         return tuple(m for m in recorded if m.arbitration_key not in taken)
 
-    def loop(self, own: Sequence[BusMessage]) -> Loop:
+    def loop(self, own: Sequence[BusMessage]) -> LoopedFrames:
         """Return the recorded frames other than those of ``own``, to be repeated."""
         return loop_of(self.bus, {m.arbitration_key for m in own})
 

@@ -6,7 +6,7 @@ import can
 
 from canroll.errors import CanrollError
 from plant_sim.can_bus.kernel.network import check_frame
-from plant_sim.can_bus.servers.hub import Received
+from plant_sim.can_bus.servers.hub import PortFrame
 from plant_sim.can_bus.traffic.log_reader import flags_of
 from plant_sim.can_bus.wire.frame import (
     BIT_RATE_SWITCH,
@@ -45,7 +45,7 @@ def sent_flags(message: can.Message, *, fd: bool, where: str) -> int:
     return flags
 
 
-def message_of(frame: Received, channel: Any, node: int) -> can.Message:  # noqa: ANN401
+def message_of(frame: PortFrame, channel: Any, node: int) -> can.Message:  # noqa: ANN401
     """Return a received frame as a python-can message for ``node``."""
     flags = frame.flags
     remote = bool(flags & REMOTE)
@@ -88,7 +88,7 @@ class Mirror:
         except (can.CanError, OSError, ValueError, ImportError) as error:
             raise CanrollError(f"mirror '{where}': {error}") from error
 
-    def __call__(self, frame: Received) -> None:
+    def __call__(self, frame: PortFrame) -> None:
         """Forward a frame; frames destroyed by an error are left out."""
         if frame.error:
             return

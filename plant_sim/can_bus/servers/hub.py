@@ -50,7 +50,7 @@ class QueueFullError(HubError):
     """The transmit queue stayed full until the timeout."""
 
 
-class Received(NamedTuple):
+class PortFrame(NamedTuple):
     """A frame as received by a port; ``error``: destroyed by an error, or only an error flag."""
 
     time_s: float
@@ -63,7 +63,7 @@ class Received(NamedTuple):
 
 
 @dataclass(slots=True, eq=False)
-class Port:
+class HubPort:
     """One program's node on a hub.
 
     ``lost``: frames it did not read in time; ``outstanding``: frames it has sent that are still
@@ -74,7 +74,7 @@ class Port:
     receive_own: bool = False
     fd: bool = True
     open: bool = True
-    entries: deque[Received] = field(default_factory=deque)
+    entries: deque[PortFrame] = field(default_factory=deque)
     lost: int = 0
     outstanding: int = 0
     stamps: dict[tuple[int, int], deque[float]] = field(default_factory=dict)
@@ -91,7 +91,7 @@ class Hub:
     def __init__(self, network: Network, *, virtual_time: bool = False) -> None:
         self.network = network
         self.virtual_time = virtual_time
-        self.ports: list[Port] = []
+        self.ports: list[HubPort] = []
         self.unacknowledged = self.warned = False
         self._clock = network.clock
         self._nodes = network.part("nodes")
@@ -113,7 +113,9 @@ class Hub:
             self._thread = threading.Thread(target=self._pump, name="simbus", daemon=True)
             self._thread.start()
 
-    def open_port(self, *, receive_own: bool = False, fd: bool = True, queue: str = "fifo") -> Port:
+    def open_port(
+        self, *, receive_own: bool = False, fd: bool = True, queue: str = "fifo"
+    ) -> HubPort:
         """Return a new node on segment 0; ``queue``: a policy of ``Node``, ``fd``: it receives FD.
 
         Raises:
@@ -130,11 +132,11 @@ class Hub:
                 record["policy"] = POLICIES[queue]
             else:
                 node = add_node(self.network, Node("port", policy=queue, capacity=TRANSMIT_QUEUE))
-            port = Port(node, receive_own, fd)
+            port = HubPort(node, receive_own, fd)
             self.ports.append(port)
             return port
 
-    def close_port(self, port: Port) -> bool:
+    def close_port(self, port: HubPort) -> bool:
         """Remove a port; its queued frames are still sent. Return True if it was the last."""
         with self._lock:
             if port in self.ports:
@@ -167,7 +169,7 @@ class Hub:
 
     def send(
         self,
-        port: Port,
+        port: HubPort,
         ident: int,
         flags: int,
         length: int,
@@ -206,7 +208,7 @@ class Hub:
                 port.stamps.setdefault(key, deque()).append(stamp_s)
             self._changed.notify()
 
-    def receive(self, port: Port, timeout_s: float | None) -> Received | None:
+    def receive(self, port: HubPort, timeout_s: float | None) -> PortFrame | None:
         """Return the next frame for ``port``, None after ``timeout_s`` (None: no limit)."""
         with self._lock:
             if not port.entries and self.virtual_time:
@@ -235,7 +237,7 @@ class Hub:
             self._step(limit_ns, 0)
             return self._cursor > before or limit_ns < NEVER
 
-    def node_state(self, port: Port) -> tuple[int, int, int]:
+    def node_state(self, port: HubPort) -> tuple[int, int, int]:
         """Return the port's error state, transmit and receive error counters."""
         node = self._nodes[port.node]
         return int(node["state"]), int(node["transmit_errors"]), int(node["receive_errors"])
@@ -243,14 +245,14 @@ class Hub:
     def _limit(self, timeout_s: float | None) -> int:
         return NEVER if timeout_s is None else self.now_ns() + round(timeout_s * 1e9)
 
-    def _has_room(self, port: Port) -> bool:
+    def _has_room(self, port: HubPort) -> bool:
         if not port.open:
             raise HubError("the bus has been shut down")
         if self._states[port.node] == BUS_OFF:
             raise HubError("the node is bus-off")
         return port.outstanding < TRANSMIT_QUEUE and self._clock[FREE_FRAME] >= 0
 
-    def _wait_for_room(self, port: Port, timeout_s: float | None) -> None:
+    def _wait_for_room(self, port: HubPort, timeout_s: float | None) -> None:
         limit = self._limit(timeout_s)
         turn = 0
         while not self._has_room(port):
@@ -270,7 +272,7 @@ class Hub:
         there = (self._states[:count] != BUS_OFF) | (self._nodes["recovers"][:count] != 0)
         return int(there.sum()) < 2 and self._clock[RELEASES] == 0
 
-    def _run_until(self, limit_ns: int, port: Port | None) -> None:
+    def _run_until(self, limit_ns: int, port: HubPort | None) -> None:
         """Advance by events to ``limit_ns``, or until ``port`` has a frame or closes."""
         turn = 0
         while port is None or (port.open and not port.entries):
@@ -306,12 +308,12 @@ class Hub:
             time_s = self.epoch_s + received * 1e-9
             if outcome == ERROR:
                 self.unacknowledged = self.unacknowledged or self._stuck()
-                frame = Received(time_s, 0, 0, b"", 0, True, sender)
+                frame = PortFrame(time_s, 0, 0, b"", 0, True, sender)
             else:
                 if outcome != REFUSED:
                     time_s = self._finished(sender, ident, flags, time_s)
                 broken = bool(flags & ERROR_FLAG)
-                frame = Received(time_s, ident, flags, payload[:length], length, broken, sender)
+                frame = PortFrame(time_s, ident, flags, payload[:length], length, broken, sender)
             if outcome in (DELIVERED, REFUSED, ERROR):
                 self._give(frame, missed)
         if total > self._cursor:
@@ -328,7 +330,7 @@ class Hub:
                 return stamps.popleft() if stamps else time_s
         return time_s
 
-    def _give(self, frame: Received, missed: int) -> None:
+    def _give(self, frame: PortFrame, missed: int) -> None:
         for port in self.ports:
             own = port.node == frame.sender and not port.receive_own
             if own or port.node == missed:

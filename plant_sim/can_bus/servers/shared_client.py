@@ -19,11 +19,11 @@ import can
 
 from plant_sim.can_bus.kernel.layout import NEVER
 from plant_sim.can_bus.servers.frames import message_of, sent_flags, truth
-from plant_sim.can_bus.servers.hub import TRANSMIT_QUEUE, Received
+from plant_sim.can_bus.servers.hub import TRANSMIT_QUEUE, PortFrame
 from plant_sim.can_bus.servers.shared_protocol import (
     LEAVE,
-    Answer,
     Question,
+    Reply,
     Sent,
     read_answer,
     read_line,
@@ -64,7 +64,7 @@ class SharedSimBus(can.BusABC):
         self._connection: socket.socket | None = None
         self._fd = truth(fd)
         self._waiting: list[Sent] = []
-        self._entries: deque[Received] = deque()
+        self._entries: deque[PortFrame] = deque()
         self._now_ns = 0
         self.channel = channel
         self._connection = _join(
@@ -137,7 +137,7 @@ class SharedSimBus(can.BusABC):
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         return self.recv(timeout), True
 
-    def _wait(self, until_ns: int) -> Answer | None:
+    def _wait(self, until_ns: int) -> Reply | None:
         """Send the pending frames and wait; None if no event is left on the bus."""
         if self._connection is None:
             raise can.CanOperationError("the bus has been shut down")

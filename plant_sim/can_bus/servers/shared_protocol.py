@@ -10,7 +10,7 @@ import socket
 from struct import Struct
 from typing import Any, Final, NamedTuple
 
-from plant_sim.can_bus.servers.hub import Received
+from plant_sim.can_bus.servers.hub import PortFrame
 
 _ASK: Final = Struct("<qI")
 _SENT: Final = Struct("<IHB64s")
@@ -37,7 +37,7 @@ class Question(NamedTuple):
     frames: list[Sent]
 
 
-class Answer(NamedTuple):
+class Reply(NamedTuple):
     """The time ``now_ns`` and the received ``frames``; ``refused``: number of frames without room.
 
     ``over``: no event is left on the bus. ``bus_off``: the node is bus-off.
@@ -47,7 +47,7 @@ class Answer(NamedTuple):
     refused: int
     over: bool
     bus_off: bool
-    frames: list[Received]
+    frames: list[PortFrame]
 
 
 def send_line(connection: socket.socket, said: dict[str, Any]) -> None:
@@ -94,7 +94,7 @@ def read_question(connection: socket.socket) -> Question:
     return Question(until_ns, [Sent(*fields) for fields in _SENT.iter_unpack(data)])
 
 
-def send_answer(connection: socket.socket, answer: Answer) -> None:
+def send_answer(connection: socket.socket, answer: Reply) -> None:
     """Send an answer."""
     count = len(answer.frames)
     parts = [_ANSWER.pack(answer.now_ns, count, answer.refused, answer.over, answer.bus_off)]
@@ -105,7 +105,7 @@ def send_answer(connection: socket.socket, answer: Answer) -> None:
     connection.sendall(b"".join(parts))
 
 
-def read_answer(connection: socket.socket) -> Answer:
+def read_answer(connection: socket.socket) -> Reply:
     """Receive an answer.
 
     Raises:
@@ -115,8 +115,10 @@ def read_answer(connection: socket.socket) -> Answer:
     frames = []
     data = _exactly(connection, _counted(count) * _CAME.size)
     for time_s, ident, flags, length, error, sender, payload in _CAME.iter_unpack(data):
-        frames.append(Received(time_s, ident, flags, payload[:length], length, bool(error), sender))
-    return Answer(now_ns, refused, bool(over), bool(bus_off), frames)
+        frames.append(
+            PortFrame(time_s, ident, flags, payload[:length], length, bool(error), sender)
+        )
+    return Reply(now_ns, refused, bool(over), bool(bus_off), frames)
 
 
 def _counted(count: int) -> int:

@@ -15,11 +15,11 @@ from typing import Any, Final
 
 from canroll.errors import CanrollError
 from plant_sim.can_bus.kernel.layout import BUS_OFF, Network
-from plant_sim.can_bus.servers.hub import Hub, HubError, Port, Received
+from plant_sim.can_bus.servers.hub import Hub, HubError, HubPort, PortFrame
 from plant_sim.can_bus.servers.shared_protocol import (
     LEAVE,
-    Answer,
     Question,
+    Reply,
     read_line,
     read_question,
     send_answer,
@@ -36,7 +36,7 @@ class _Program:
     name: str
     connection: socket.socket
     options: dict[str, Any]
-    port: Port = field(init=False)
+    port: HubPort = field(init=False)
     until_ns: int | None = None
     refused: int = 0
 
@@ -64,7 +64,7 @@ class SharedBus:
         host: str = "127.0.0.1",
         port: int = DEFAULT_PORT,
         real_time: bool = False,
-        mirror: Callable[[Received], Any] | None = None,
+        mirror: Callable[[PortFrame], Any] | None = None,
     ) -> None:
         self._hub = Hub(network, virtual_time=True)
         self._expected, self._real_time, self._mirror = programs, real_time, mirror
@@ -162,7 +162,7 @@ class SharedBus:
         for program in self._programs:
             if not over and not self._ready(program):
                 continue
-            answer = Answer(
+            answer = Reply(
                 self._hub.now_ns(),
                 program.refused,
                 over,

@@ -41,7 +41,7 @@ from plant_sim.can_bus.kernel.network import (
     build_network,
 )
 from plant_sim.can_bus.servers.frames import message_of, sent_flags, truth
-from plant_sim.can_bus.servers.hub import Hub, HubError, Port, QueueFullError
+from plant_sim.can_bus.servers.hub import Hub, HubError, HubPort, QueueFullError
 from plant_sim.can_bus.simulation.response_times import traffic_spec
 from plant_sim.can_bus.traffic.files import load_traffic
 
@@ -160,7 +160,7 @@ class SimBus(can.BusABC):
                 raise UnknownNameError("queue", queue, QUEUES)
             with _LOCK:
                 self.hub = _open_hub(str(channel), settings)
-                self.port: Port = self.hub.open_port(
+                self.port: HubPort = self.hub.open_port(
                     receive_own=truth(receive_own_messages), fd=self._fd, queue=queue
                 )
         except CanrollError as error:

@@ -23,7 +23,7 @@ from plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE
 CLASSIC_LENGTH: Final = 8
 
 
-class Received(NamedTuple):
+class ClientFrame(NamedTuple):
     """A frame that a client sent; ``client`` is its place, 0 to ``MAX_CLIENTS − 1``."""
 
     client: int
@@ -105,7 +105,7 @@ class SocketcandServer:
         self.channel = channel
         self.lost = self.refused = self.dropped = 0
         self._clients: dict[int, _Client] = {}
-        self._taken: deque[Received] = deque()
+        self._taken: deque[ClientFrame] = deque()
         self._lock = threading.Lock()
         self._activity = threading.Event()
         self._running = True
@@ -159,7 +159,7 @@ class SocketcandServer:
                     client.outgoing += text
         self._wake()
 
-    def take(self) -> list[Received]:
+    def take(self) -> list[ClientFrame]:
         """Return the frames that clients have sent since the last call."""
         with self._lock:
             taken = list(self._taken)
@@ -281,7 +281,7 @@ class SocketcandServer:
         elif command in {"rawmode", "bcmmode"}:
             reply = b"< ok >"
         elif command in {"send", "sendrtr"}:
-            received = Received(client.place, *parse_frame(words))
+            received = ClientFrame(client.place, *parse_frame(words))
             with self._lock:
                 if len(self._taken) < _MAX_RECEIVED:
                     self._taken.append(received)

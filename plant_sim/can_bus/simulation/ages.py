@@ -13,14 +13,14 @@ from plant_sim.can_bus.kernel.scheduler import advance
 from plant_sim.can_bus.network.network_spec import network_spec
 from plant_sim.can_bus.network.routing import RoutedNetwork
 from plant_sim.can_bus.simulation.response_times import add_player, listeners, with_longest
-from plant_sim.can_bus.traffic.log_playback import Frames, Recording, feed
+from plant_sim.can_bus.traffic.log_playback import RecordedFrames, Recording, feed
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import EXTENDED
 from plant_sim.kernels.random import Stream, random_bits, uniform
 
 
 @dataclass(frozen=True, slots=True)
-class Loop:
+class BusLoop:
     """A control loop over a bus: its two messages, the numbers of its nodes, times in nanoseconds.
 
     The command is sent in every tick, whatever its period. Both messages are queued with a delay of
@@ -71,7 +71,7 @@ class _Sender:
 
 
 def simulate_ages(
-    network: Network, loop: Loop, *, duration_ns: int, replayed: Frames | None = None
+    network: Network, loop: BusLoop, *, duration_ns: int, replayed: RecordedFrames | None = None
 ) -> NDArray[np.int64]:
     """Return the sample-to-force age of every applied command, nanoseconds.
 
@@ -164,7 +164,7 @@ def simulate_ages_of_network(
     ages = []
     for phase in range(phases):
         simulated = build_network(replace(spec, sources=others, seed=seed + phase))
-        loop = Loop(
+        loop = BusLoop(
             samples,
             commands,
             nodes.index(samples.sender),

@@ -10,7 +10,7 @@ from canroll.errors import CanrollError
 from plant_sim.can_bus.traffic.arrivals import PERIODIC, Arrivals, find_arrivals
 from plant_sim.can_bus.traffic.bit_rate import BitRate, find_bit_rate
 from plant_sim.can_bus.traffic.files import Traffic
-from plant_sim.can_bus.traffic.log_playback import Frames, Recording
+from plant_sim.can_bus.traffic.log_playback import RecordedFrames, Recording
 from plant_sim.can_bus.traffic.log_reader import Logged, Progress, read_log, select_channel
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.traffic.queueing import QueueTimes, queue_times
@@ -152,7 +152,7 @@ def infer_channel(
     found.sort(key=lambda m: m.message.arbitration_key)
     order = np.argsort(queued, kind="stable")
     rows = times.order[order]
-    frames = Frames(
+    frames = RecordedFrames(
         queued[order],
         logged.ident[rows],
         logged.flags[rows],

@@ -22,7 +22,7 @@ from plant_sim.can_bus.wire.frame import EXTENDED, RECEPTION_BITS_BEFORE_END
 from plant_sim.kernels.jit import njit
 
 
-class Frames(NamedTuple):
+class RecordedFrames(NamedTuple):
     """Recorded frames in the order of queueing, times in nanoseconds from 0."""
 
     t_ns: NDArray[np.int64]
@@ -31,10 +31,10 @@ class Frames(NamedTuple):
     length: NDArray[np.int64]
     payload: NDArray[np.uint8]
 
-    def piece(self, from_ns: int, to_ns: int) -> "Frames":
+    def piece(self, from_ns: int, to_ns: int) -> "RecordedFrames":
         """Return the frames queued in [``from_ns``, ``to_ns``), with times from 0."""
         part = slice(*np.searchsorted(self.t_ns, (from_ns, to_ns)))
-        return Frames(
+        return RecordedFrames(
             self.t_ns[part] - from_ns,
             self.ident[part],
             self.flags[part],
@@ -50,7 +50,7 @@ class Recording:
     ``errors``: number of error frames in the log; ``remarks``: what was left out of it.
     """
 
-    frames: Frames
+    frames: RecordedFrames
     channel: str
     duration_s: float
     errors: int = 0
@@ -104,7 +104,7 @@ def recording_of(
     order = np.argsort(started, kind="stable")
     if kept is not None:
         order = order[kept[order]]
-    frames = Frames(
+    frames = RecordedFrames(
         started[order] - started.min(),
         logged.ident[order],
         logged.flags[order],
@@ -126,7 +126,7 @@ def start_times(logged: Logged, *, bitrate: int, data_bitrate: int = 0) -> NDArr
 
 
 @njit
-def feed(network: Network, frames: Frames, node: int, cursor: int, until_ns: int) -> int:
+def feed(network: Network, frames: RecordedFrames, node: int, cursor: int, until_ns: int) -> int:
     """Queue recorded frames up to ``until_ns`` from ``node``; call it before ``advance``.
 
     Returns:

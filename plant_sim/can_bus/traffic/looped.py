@@ -7,20 +7,20 @@ import numpy as np
 
 from plant_sim.can_bus.kernel.layout import Network
 from plant_sim.can_bus.traffic.inference import InferredBus
-from plant_sim.can_bus.traffic.log_playback import Frames, feed
+from plant_sim.can_bus.traffic.log_playback import RecordedFrames, feed
 from plant_sim.can_bus.wire.frame import arbitration_key
 from plant_sim.kernels.random import Stream, random_bits
 
 
-class Loop(NamedTuple):
+class LoopedFrames(NamedTuple):
     """Frames of the first pass and of all later ones, and the duration of a pass, ns."""
 
-    first: Frames
-    again: Frames
+    first: RecordedFrames
+    again: RecordedFrames
     span_ns: int
 
 
-def loop_of(bus: InferredBus, leave_out: Collection[int] = ()) -> Loop:
+def loop_of(bus: InferredBus, leave_out: Collection[int] = ()) -> LoopedFrames:
     """Return a recording as a loop, without the arbitration keys of ``leave_out``.
 
     Where the end meets the start, frames of a message may come too close: frames at the start that
@@ -37,11 +37,11 @@ def loop_of(bus: InferredBus, leave_out: Collection[int] = ()) -> Loop:
         own = np.flatnonzero(keys == message.arbitration_key)
         since = frames.t_ns[own] + span - frames.t_ns[own[-1]]
         again[own[since < message.period_ns + message.jitter_ns]] = False
-    return Loop(_only(frames, kept), _only(frames, again), span)
+    return LoopedFrames(_only(frames, kept), _only(frames, again), span)
 
 
-def _only(frames: Frames, mask: np.ndarray) -> Frames:
-    return Frames(*(column[mask] for column in frames))
+def _only(frames: RecordedFrames, mask: np.ndarray) -> RecordedFrames:
+    return RecordedFrames(*(column[mask] for column in frames))
 
 
 class LoopedTraffic:
@@ -54,7 +54,7 @@ class LoopedTraffic:
         seed: of the phase.
     """
 
-    def __init__(self, network: Network, node: int, loop: Loop, *, seed: int) -> None:
+    def __init__(self, network: Network, node: int, loop: LoopedFrames, *, seed: int) -> None:
         self._network, self._node, self._loop = network, node, loop
         phase = int(random_bits(seed, int(Stream.LOG_PHASE), 0)) % loop.span_ns
         self._frames = loop.first.piece(phase, loop.span_ns)

@@ -10,7 +10,7 @@ from canroll.campaigns.events import EVENTS
 from canroll.campaigns.plan import HELPS, NO_HELP, ROLLOVER, SIDES, STAYS_HARMLESS, verdicts
 from canroll.runs.limit_cycle import LimitCycle
 from canroll.runs.metrics import Metrics
-from canroll.runs.standard import Judged, Outcome, Standard
+from canroll.runs.standard import Standard, StandardJudgement, StandardOutcome
 
 HAPPENED = list(product((False, True), repeat=3))
 CASES = list(product((0.0, 1.0, 2.0), (0.5, 1.5), (0.5, 1.5), HAPPENED))
@@ -22,7 +22,9 @@ def outcome(before, after, rms, events):
     passive = Metrics(1.0, before, 3.0, 8.0, 0.5, 0.5, 0.0, 0.0, 0.1, 0.2, rollover=under)
     controlled = Metrics(rms, after, 3.0, 8.0, 0.5, 0.5, 9.0, 9.0, 0.1, 0.2, rollover=over)
     found = LimitCycle(5.0, 100.0, 1.0, 3.0) if cycle else None
-    return Outcome(passive, controlled, found, Standard("none", Judged(()), Judged(())))
+    return StandardOutcome(
+        passive, controlled, found, Standard("none", StandardJudgement(()), StandardJudgement(()))
+    )
 
 
 def columns_of(outcomes):
@@ -59,6 +61,8 @@ def test_harm_is_that_of_a_run_with_faults(before, after, verdict):
     passive = Metrics(**{**asdict(BEFORE), **before})
     # as large a roll as without control: it does not help
     controlled = Metrics(**{**asdict(passive), "moment_rms_nm": 9.0, **after})
-    columns = columns_of([Outcome(passive, controlled, None, Standard("none", Judged(()), None))])
+    columns = columns_of(
+        [StandardOutcome(passive, controlled, None, Standard("none", StandardJudgement(()), None))]
+    )
     assert list(verdicts(columns, np.array([True]))) == [verdict]
     assert list(EVENTS["harm"].occurs(columns)) == [verdict != STAYS_HARMLESS]

@@ -14,7 +14,7 @@ from support.cases import COUNT, fails, refuses, study, work
 
 from canroll.cases.engine import HERE, Engine, engine, results
 from canroll.cases.execution import Cases, Execution
-from canroll.cases.store import Rows, placed
+from canroll.cases.store import JsonRows, placed
 from canroll.errors import CanrollError
 
 TESTS = str(Path(fakes.__file__).parents[1])
@@ -107,7 +107,7 @@ def test_rows_of_another_study_are_not_used(whole, tmp_path):
 
 @pytest.mark.parametrize("text", ["", "{", "{}", '{"figures": 1, "share": 2, "pairs": 3}', "[1]"])
 def test_a_damaged_row_is_one_line(text, tmp_path):
-    rows = Rows(tmp_path, "", fakes.Row)
+    rows = JsonRows(tmp_path, "", fakes.Row)
     rows.path("a").write_text(text)
     with pytest.raises(CanrollError, match=r"a\.json: not a row .* continue with --resume"):
         rows.read("a")
@@ -123,7 +123,7 @@ def test_a_worker_of_the_pool_that_dies_is_one_line(tmp_path):
 
 
 def test_a_file_being_written_is_no_row(tmp_path):
-    rows = Rows(tmp_path, "", fakes.Row)
+    rows = JsonRows(tmp_path, "", fakes.Row)
     with pytest.raises(RuntimeError, match="full"), placed(rows.path("1")) as beside:
         beside.write_bytes(b"half")
         raise RuntimeError("full")
@@ -170,7 +170,7 @@ def test_no_scheduler_is_one_line(monkeypatch):
 
 
 def test_ctrl_c_keeps_the_cases_in_work(tmp_path):
-    rows = Rows(tmp_path, "", fakes.Row)
+    rows = JsonRows(tmp_path, "", fakes.Row)
     tasks = [(str(n), work, (n,)) for n in range(COUNT)]
     with engine("local", 2) as two:
         running = results(two, rows, tasks)

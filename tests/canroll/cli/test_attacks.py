@@ -6,13 +6,13 @@ from types import SimpleNamespace
 import pytest
 
 from canroll.attacks import suite
-from canroll.attacks.suite import Outcome, Suite
+from canroll.attacks.suite import AttackOutcome, Suite
 from canroll.cli.attacks import chosen
 from canroll.cli.main import main
 
 
 def outcome(accepted, refused, harm=("roll",)):
-    return Outcome("spoofed", 40, accepted, refused, 2.5, 900.0, 0.25, ("command",), harm)
+    return AttackOutcome("spoofed", 40, accepted, refused, 2.5, 900.0, 0.25, ("command",), harm)
 
 
 def made(bus, accepted):

@@ -4,14 +4,17 @@ import json
 
 from canroll.cli import design_view
 from canroll.cli.main import main
-from gain_gen.monitors.detectability import Detectable, Fault, Limit
+from gain_gen.monitors.detectability import ConstantFault, Detectable, Limit
 
 
 def test_sizes_have_their_units_and_what_is_never_found_says_so():
     seen = Detectable(
-        Fault("moment", "N·m", {}), (Limit("body", 1, 120.4, 1756.3),), float("inf"), ("rate",)
+        ConstantFault("moment", "N·m", {}),
+        (Limit("body", 1, 120.4, 1756.3),),
+        float("inf"),
+        ("rate",),
     )
-    unseen = Detectable(Fault("rate", "m/s", {}), (), float("inf"), ())
+    unseen = Detectable(ConstantFault("rate", "m/s", {}), (), float("inf"), ())
     table = design_view.detectability([seen, unseen])
     assert table.rows == [
         ("moment", "120 N·m", "1756 N·m", "never", "body", "rate"),

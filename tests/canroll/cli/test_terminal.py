@@ -3,9 +3,9 @@
 import pytest
 
 from canroll.cli import terminal
-from canroll.report.page import Table
+from canroll.report.page import PageTable
 
-ATTACKS = Table(
+ATTACKS = PageTable(
     "",
     ("", "sent", "accepted", "roll max (deg)", "fault codes"),
     [

@@ -13,7 +13,7 @@ from support.fmus import EXTENDED, importer, transmit
 
 from canroll.exchange import bus_fmu
 from plant_sim import can_bus
-from plant_sim.can_bus import Fault, NetworkSpec, Node, Segment
+from plant_sim.can_bus import BusFault, NetworkSpec, Node, Segment
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, FD, FD_LENGTHS
 from plant_sim.can_bus.wire.frame import EXTENDED as EXTENDED_FLAG
 
@@ -154,7 +154,7 @@ def test_disturbed_frames_are_sent_again(tmp_path):
 
 
 def test_a_node_goes_bus_off_and_comes_back(tmp_path):
-    faults = (Fault("disturb", target="B", from_ns=5_000_000, until_ns=60_000_000),)
+    faults = (BusFault("disturb", target="B", from_ns=5_000_000, until_ns=60_000_000),)
     frames = list(messages(800, 7))
     reference, errors, seen, fmu = same(tmp_path, frames, spec(faults=faults))
     assert seen == errors

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from canroll.errors import VerdictError
-from canroll.network.answer import Answer, Delay, Loop, Row, Segment, Times
+from canroll.network.answer import Answer, LoopNames, MessageRow, PathDelay, SegmentAnswer, Times
 from canroll.network.show import parts
 from plant_sim.can_bus.bounds.analysis import response_bounds
 from plant_sim.can_bus.bounds.delay_bounds import DelayBounds, Path
@@ -18,17 +18,17 @@ MS = 1_000_000
 def row(name, ident=1, *, most_ns=0, arrival_ns=9 * MS, way=("a",), **options):
     (bound,) = response_bounds([BusMessage(name, ident, 8, 10 * MS, **options)], bitrate=500_000)
     times = Times.of(np.array([most_ns], np.int64)) if most_ns else Times()
-    return Row(bound, times, way, arrival_ns, Times())
+    return MessageRow(bound, times, way, arrival_ns, Times())
 
 
 def answer(*segments, delay=None):
     return Answer(
         "net.toml",
         tuple(
-            Segment(name, 500_000, 0, rows, load=None, frames=0)
+            SegmentAnswer(name, 500_000, 0, rows, load=None, frames=0)
             for name, rows in zip("ab", segments, strict=False)
         ),
-        Loop("Imu", "Command", 10.0),
+        LoopNames("Imu", "Command", 10.0),
         delay,
     )
 
@@ -79,13 +79,13 @@ def test_the_delay_is_printed_with_what_is_known():
     start = "Imu to Command at a tick of 10 ms: "
     total = "total delay 1.00 to 30.00 ms, sample-to-force age at most 20.00 ms"
     for delay, text in (
-        (Delay(bounds, Times()), total),
-        (Delay(bounds, age), f"{total}, simulated 2.00 to 12.00 ms"),
-        (Delay(None, Times(), "Imu: x"), "no bound of the delay, Imu: x"),
+        (PathDelay(bounds, Times()), total),
+        (PathDelay(bounds, age), f"{total}, simulated 2.00 to 12.00 ms"),
+        (PathDelay(None, Times(), "Imu: x"), "no bound of the delay, Imu: x"),
         (
-            Delay(None, age, "x"),
+            PathDelay(None, age, "x"),
             "no bound of the delay, x; sample-to-force age simulated 2.00 to 12.00 ms",
         ),
     ):
         assert lines(answer([row("Imu")], delay=delay))[-1] == start + text
-    assert answer([row("Imu")], delay=Delay(None, age, "x", failed=True)).failed
+    assert answer([row("Imu")], delay=PathDelay(None, age, "x", failed=True)).failed

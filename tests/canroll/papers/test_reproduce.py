@@ -17,8 +17,8 @@ from canroll.papers.paper_table import (
     REPRODUCED,
     SAME_ORDERING,
     VERDICTS,
-    Row,
-    Step,
+    PaperRow,
+    PaperStep,
     judged,
     printed,
 )
@@ -36,7 +36,7 @@ TABLE_3 = "reduction_db_at_1_rad_s"
 
 
 def row(printed_value, recomputed, group="g", *, ours=1.0, **more):
-    return Row("p", "t", "r", "q", printed_value, recomputed, ours, group, "because", **more)
+    return PaperRow("p", "t", "r", "q", printed_value, recomputed, ours, group, "because", **more)
 
 
 def verdicts(*rows):
@@ -82,9 +82,9 @@ def test_both_conditions_have_a_verdict():
 
 
 def test_the_largest_step_towards_ours():
-    steps = (Step("delay", 2.1), Step("plant", 3.0), Step("noise", 2.9))
+    steps = (PaperStep("delay", 2.1), PaperStep("plant", 3.0), PaperStep("noise", 2.9))
     (found,) = judged([row(2.0, 2.0, ours=2.9, attribution=steps)])
-    assert found.largest == Step("plant", pytest.approx(0.9))
+    assert found.largest == PaperStep("plant", pytest.approx(0.9))
     assert towards_ours(found) == "plant +0.9"
     changed = found.to_json()["attribution"]
     assert [step["switched"] for step in changed] == ["delay", "plant", "noise"]

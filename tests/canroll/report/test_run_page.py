@@ -15,7 +15,7 @@ import pytest
 from support.chromium import tab
 
 from canroll.report.figure import Series, distribution, histogram, thin
-from canroll.report.page import Cell, Page, Table, Verdict, render
+from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
 from canroll.report.run_page import run_page, timing_figures
 from canroll.report.tables import reaction_tables
 from canroll.runs import experiment
@@ -275,8 +275,8 @@ def test_a_phone_shows_every_column(page, tmp_path):
 
 def test_rows_stack_under_a_head_too_wide_for_a_phone(tmp_path):
     head = [f"quantity {place} (N·m)" for place in range(12)]
-    wide = Table("Wide", head, [["law", *(Cell("1234.5", 1234.5, "") for _ in head[1:])]])
-    page = render(Page("t", "s", Verdict(None, "h", ""), (), [wide], (), None, (), ()))
+    wide = PageTable("Wide", head, [["law", *(Cell("1234.5", 1234.5, "") for _ in head[1:])]])
+    page = render(Page("t", "s", PageVerdict(None, "h", ""), (), [wide], (), None, (), ()))
     with on_a_phone(page, tmp_path) as browser:
         found = browser.ask(WIDTHS)
     assert all(content <= width for content, width in found["tables"]), found["tables"]

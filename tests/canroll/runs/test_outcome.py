@@ -9,7 +9,7 @@ from canroll.report.run_page import verdict
 from canroll.runs import experiment
 from canroll.runs.limit_cycle import LimitCycle
 from canroll.runs.metrics import Metrics
-from canroll.runs.standard import Judged, Outcome, Standard
+from canroll.runs.standard import Standard, StandardJudgement, StandardOutcome
 from plant_sim.driving.standards import Verdict
 
 BEFORE = Metrics(1.0, 2.0, 3.0, 8.0, 0.5, 0.5, 0.0, 0.0, 0.1, 0.2, rollover=False)
@@ -18,12 +18,14 @@ OVER = replace(BEFORE, roll_rms_deg=0.3, roll_max_deg=9.0, rollover=True)
 
 
 def cones(hit):
-    return Judged((Verdict("cones hit", "ISO 3888-2, 4", float(hit), 0.0, "", hit == 0),))
+    return StandardJudgement(
+        (Verdict("cones hit", "ISO 3888-2, 4", float(hit), 0.0, "", hit == 0),)
+    )
 
 
 def outcome(passive=BEFORE, controlled=AFTER, cones_passive=0, cones_controlled=0, cycle=None):
     judged = Standard("ISO 3888-2, non-standard: x", cones(cones_passive), cones(cones_controlled))
-    return Outcome(passive, controlled, cycle, judged)
+    return StandardOutcome(passive, controlled, cycle, judged)
 
 
 def test_green_is_less_roll_with_the_standard_met():
@@ -33,7 +35,9 @@ def test_green_is_less_roll_with_the_standard_met():
 
 
 def test_a_manoeuvre_without_criteria_is_judged_by_roll_alone():
-    found = replace(outcome(), standard=Standard("none", Judged(()), Judged(())))
+    found = replace(
+        outcome(), standard=Standard("none", StandardJudgement(()), StandardJudgement(()))
+    )
     assert found.good is True and found.sentence.startswith("Control helps: largest")
 
 

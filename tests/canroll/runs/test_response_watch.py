@@ -11,7 +11,7 @@ from canroll.studies.variation import DEFAULT_SPREAD, draw, varied
 from firmware.plausibility import FAULT_ACTUATOR_CONTRADICTED
 from firmware.state import SAFE
 from gain_gen.calibration.freeze import calibrate
-from gain_gen.calibration.quantise import Options
+from gain_gen.calibration.quantise import QuantiseOptions
 from gain_gen.design import design
 from gain_gen.models.task import Delay, Task
 from vehicles import load
@@ -128,4 +128,4 @@ def test_a_vehicle_beyond_the_fields_is_refused_with_the_option_that_helps():
     made = design("lqr", Task(lorry, Delay.constant(0.02), actuator="bars"))
     calibrate(made)
     with pytest.raises(CanrollError, match=r"^axles_yaw: .* design with --no-watch-response$"):
-        calibrate(made, Options(response_watch=True))
+        calibrate(made, QuantiseOptions(response_watch=True))

@@ -6,7 +6,7 @@ import pytest
 
 from canroll.runs import experiment, validity
 
-GOOD = validity.Run(
+GOOD = validity.RunTiming(
     due=697,
     ticks=697,
     tick=0.01,

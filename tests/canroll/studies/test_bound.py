@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from canroll.runs.experiment import drive, plan
 from canroll.runs.metrics import rms
-from canroll.studies.bound import HELD, Bound, bound_of
+from canroll.studies.bound import HELD, EffortBound, bound_of
 from plant_sim import bodies
 from plant_sim.bodies import ports
 from plant_sim.world.linearise import find_trim, linearise
@@ -40,7 +40,7 @@ def swing(count=60):
 def test_a_static_plant_has_a_closed_form():
     """H = h I: the moment opposes the roll angle, so that the bound is rms φ − h M."""
     roll, gain = swing(), 1e-5
-    bound = Bound.of(roll, np.concatenate([[gain], np.zeros(len(roll) - 1)]))
+    bound = EffortBound.of(roll, np.concatenate([[gain], np.zeros(len(roll) - 1)]))
     for effort in (0.0, 200.0, 900.0):
         assert bound.at(effort) == pytest.approx(rms(roll) - gain * effort, rel=1e-9)
     assert bound.at(1.01 * rms(roll) / gain) == 0.0
@@ -56,20 +56,20 @@ def test_a_convex_solver_agrees(effort):
         [cp.norm(moment) <= effort * np.sqrt(len(roll))],
     )
     least = problem.solve(solver=cp.CLARABEL) / np.sqrt(len(roll))
-    assert Bound.of(roll, response).at(effort) == pytest.approx(least, rel=1e-5)
+    assert EffortBound.of(roll, response).at(effort) == pytest.approx(least, rel=1e-5)
 
 
 def test_no_moment_of_that_effort_does_better():
     rng = np.random.default_rng(3)
     roll, response = swing(), oscillator()
-    bound, lower = Bound.of(roll, response), toeplitz(response, np.zeros(len(roll)))
+    bound, lower = EffortBound.of(roll, response), toeplitz(response, np.zeros(len(roll)))
     for _ in range(200):
         moment = np.convolve(rng.normal(size=len(roll)), np.ones(9), "same") - 4e4 * roll
         assert rms(roll + lower @ moment) > bound.at(rms(moment))
 
 
 def test_more_effort_leaves_less_roll():
-    bound = Bound.of(swing(), oscillator())
+    bound = EffortBound.of(swing(), oscillator())
     left = [bound.at(effort) for effort in (0.0, 100.0, 500.0, 1000.0, 2000.0)]
     assert all(after < before for before, after in pairwise(left))
     assert left[0] == pytest.approx(rms(swing()))

@@ -7,7 +7,7 @@ import pytest
 import canroll
 from canroll.cli.main import main
 from canroll.errors import CanrollError, UnknownNameError
-from canroll.runs.standard import Judged, Standard
+from canroll.runs.standard import Standard, StandardJudgement
 from canroll.studies.comparison import Named, describe, parse_range, runs
 from canroll.studies.comparison_page import best, sweep_page
 from plant_sim.driving.standards import Verdict
@@ -176,7 +176,7 @@ def short():
 
 
 def hitting(run, cones):
-    hit = Judged((Verdict("cones hit", "ISO 3888-1, 4", cones, 0.0, "", cones == 0),))
+    hit = StandardJudgement((Verdict("cones hit", "ISO 3888-1, 4", cones, 0.0, "", cones == 0),))
     return Named(run.name, replace(run.result, standard=Standard("ISO 3888-1", hit, hit)))
 
 

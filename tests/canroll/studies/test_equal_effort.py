@@ -13,11 +13,11 @@ from canroll.cli.main import main
 from canroll.errors import CanrollError
 from canroll.runs.experiment import drive, plan
 from canroll.studies import equal_effort
-from canroll.studies.effort import FIGURES, BudgetError, Driven, at_budget, at_rest
+from canroll.studies.effort import FIGURES, BudgetError, EffortRun, at_budget, at_rest
 from canroll.studies.equal_effort import (
-    Comparison,
-    Entry,
-    Row,
+    EffortComparison,
+    EffortEntry,
+    EffortRow,
     compare,
     half_upright,
     paired,
@@ -32,11 +32,11 @@ def row(name, *, roll=1.0, peak=2.0, moment=500.0, most=900.0, transfer=0.3, ste
     own = np.random.default_rng(seed + 10)
     # what all laws share of a seed, and a little of their own
     figures = level * (1 + 0.1 * rng.normal(size=(50, 1)) + 0.002 * own.normal(size=(50, 8)))
-    return Row(Entry(name, "all_sensors", {}), 1.0, figures, 0.9 * figures[:, 0])
+    return EffortRow(EffortEntry(name, "all_sensors", {}), 1.0, figures, 0.9 * figures[:, 0])
 
 
 def comparison(*rows):
-    return Comparison(rows, "hinf_delay", 500.0, 50, "500k", "van_2021", "double_lane_change")
+    return EffortComparison(rows, "hinf_delay", 500.0, 50, "500k", "van_2021", "double_lane_change")
 
 
 def test_interval_is_that_of_the_paired_test():
@@ -83,7 +83,7 @@ def test_losses_are_named(changes, verdict):
 
 def test_no_difference_is_no_win():
     reference = row("hinf_delay")
-    same = replace(reference, entry=Entry("same", "roll_rate_only", {}))
+    same = replace(reference, entry=EffortEntry("same", "roll_rate_only", {}))
     assert comparison(reference, same).verdict(same) == "equal"
 
 
@@ -96,10 +96,10 @@ def test_limit_cycle_is_no_win_but_chance_is_none():
     reference, other = row("hinf_delay"), row("other", roll=0.9, peak=1.8, seed=2)
     oscillating = replace(other, cycles=6, oscillates=True)
     assert comparison(reference, oscillating).verdict(oscillating) == "limit cycle in 6 of 50 runs"
-    assert not Driven(1.0, other.figures, 5).oscillates
-    assert Driven(1.0, other.figures, 6).oscillates
-    assert not Driven(1.0, other.figures[:2], 1).oscillates
-    assert Driven(1.0, other.figures[:2], 2).oscillates
+    assert not EffortRun(1.0, other.figures, 5).oscillates
+    assert EffortRun(1.0, other.figures, 6).oscillates
+    assert not EffortRun(1.0, other.figures[:2], 1).oscillates
+    assert EffortRun(1.0, other.figures[:2], 2).oscillates
 
 
 def law(effort, cycles=lambda factor: 0):
@@ -108,7 +108,7 @@ def law(effort, cycles=lambda factor: 0):
     def drive_at(factor):
         figures = np.zeros((20, len(FIGURES)))
         figures[:, FIGURES.index("moment_rms_nm")] = effort(factor)
-        return Driven(factor, figures, cycles(factor))
+        return EffortRun(factor, figures, cycles(factor))
 
     return drive_at
 
@@ -147,14 +147,14 @@ def test_the_reference_gives_up_gain_until_it_rests():
 
 def test_laws_meet_the_budget_on_the_bus():
     entries = (
-        Entry("passive", "", {"law": "passive"}, scaled=False),
-        Entry(
+        EffortEntry("passive", "", {"law": "passive"}, scaled=False),
+        EffortEntry(
             "hinf_delay",
             "roll_rate_only",
             {"law": "hinf_delay", "gains": "theorem", "unverified": True},
         ),
-        Entry("ay_feedforward", "all_sensors", {"law": "ay_feedforward"}),
-        Entry("too weak", "all_sensors", {"law": "ay_feedforward", "speed_kmh": 30.0}),
+        EffortEntry("ay_feedforward", "all_sensors", {"law": "ay_feedforward"}),
+        EffortEntry("too weak", "all_sensors", {"law": "ay_feedforward", "speed_kmh": 30.0}),
     )
     choices = {"vehicle": "van_2021", "runs": 2, "entries": entries, "reference": "hinf_delay"}
     choices |= {"conditions": {"plant": "roll1"}}
@@ -186,7 +186,7 @@ def test_a_law_certified_for_the_roll_model_alone_is_told_where_it_swings():
         vehicle="van_real",
         runs=2,
         entries=(
-            Entry(
+            EffortEntry(
                 "hinf_delay",
                 "roll_rate_only",
                 {"law": "hinf_delay", "gains": "theorem", "unverified": True},
@@ -211,10 +211,10 @@ def test_figures_are_metrics():
 
 def test_laws_stand_above_the_bound_of_every_vehicle():
     entries = (
-        Entry("passive", "", {"law": "passive"}, scaled=False),
-        Entry("best passive bar", "", {"law": "passive"}, scaled=False, best_bar=True),
-        Entry("plain_feedforward", "all_sensors", {"law": "plain_feedforward"}),
-        Entry("ay_feedforward", "all_sensors", {"law": "ay_feedforward"}),
+        EffortEntry("passive", "", {"law": "passive"}, scaled=False),
+        EffortEntry("best passive bar", "", {"law": "passive"}, scaled=False, best_bar=True),
+        EffortEntry("plain_feedforward", "all_sensors", {"law": "plain_feedforward"}),
+        EffortEntry("ay_feedforward", "all_sensors", {"law": "ay_feedforward"}),
     )
     found = compare(
         "double_lane_change",

@@ -26,7 +26,7 @@ from firmware.subset import fields
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.dequantise import dequantise
 from gain_gen.calibration.freeze import calibrate, physical_notes, summary, title
-from gain_gen.calibration.quantise import Options
+from gain_gen.calibration.quantise import QuantiseOptions
 from gain_gen.calibration.record import fill, flatten, identify, packed
 from gain_gen.calibration.rounding_error import integer_loop, manoeuvre_error, measured
 from gain_gen.calibration.rows import quantise, quantise_row
@@ -123,7 +123,7 @@ def test_integer_loop_is_the_firmware_and_a_wrong_gain_shows(lqr, calibrated):
 def test_identification_scales_rebuild_the_nominal_model():
     """model_scale times the Taylor entries of the nominal plant gives phi and gamma again."""
     answer = design("lqr", task("suv_2020"))
-    record, _ = calibrate(answer, Options(identification=True))
+    record, _ = calibrate(answer, QuantiseOptions(identification=True))
     a = record.model_stiffness / 2**30
     b = record.model_damping / 2**30
     square = b * b - a

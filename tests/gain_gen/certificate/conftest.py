@@ -10,7 +10,7 @@ from gain_gen.analysis.family import family_of
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from gain_gen.calibration.freeze import calibrate
-from gain_gen.calibration.quantise import Options
+from gain_gen.calibration.quantise import QuantiseOptions
 from gain_gen.design import design
 from gain_gen.margin_report import task_of
 from gain_gen.models.task import Delay, Task
@@ -26,7 +26,7 @@ def calibrated(tmp_path_factory):
     @cache
     def of(law: str, delay: Delay = DELAY) -> LoadedCalibration:
         task = Task(vehicles.load("van_real"), delay, actuator="bars")
-        record, tables = calibrate(design(law, task), Options())
+        record, tables = calibrate(design(law, task), QuantiseOptions())
         path = tmp_path_factory.mktemp("certificate") / "calibration.toml"
         calibration_file.save(path, record, tables)
         return calibration_file.load(path)

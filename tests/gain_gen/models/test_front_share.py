@@ -6,7 +6,7 @@ import pytest
 
 import vehicles
 from gain_gen.calibration.freeze import calibrate
-from gain_gen.calibration.quantise import Options
+from gain_gen.calibration.quantise import QuantiseOptions
 from gain_gen.calibration.vehicle_part import share_of
 from gain_gen.design import design
 from gain_gen.models.front_share import BAND, LEAST_BAND, MOST, front_share, understeer
@@ -48,7 +48,7 @@ def test_tyres_that_unequal_loads_do_not_matter_to_get_the_neutral_share():
 
 def test_the_calibration_states_it_and_printed_gains_come_with_their_own():
     task = Task(vehicle=VAN, delay=Delay.constant(0.02), actuator="bars")
-    record, tables = calibrate(design("plain_feedforward", task), Options())
+    record, tables = calibrate(design("plain_feedforward", task), QuantiseOptions())
     share = tables["design"]["front_share"]
     assert share == pytest.approx(front_share(VAN), abs=1e-8)
     assert record.schedule_front_share == [round(share_of(task) * 2**30)] * 8

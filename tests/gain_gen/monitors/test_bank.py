@@ -7,7 +7,7 @@ import pytest
 
 from gain_gen.models.task import Delay, Task
 from gain_gen.monitors import noise
-from gain_gen.monitors.bank import DERIVATIVE, DIRECT, INTEGRAL, STEP, Part, Term, ticks_of
+from gain_gen.monitors.bank import DERIVATIVE, DIRECT, INTEGRAL, STEP, ResidualPart, Term, ticks_of
 from gain_gen.monitors.linear_car import (
     car_of,
     deviation,
@@ -145,7 +145,7 @@ def test_a_body_is_on_its_stops_only_beyond_what_the_worst_car_takes(name):
     assert 0.0 < limit < 15.0
 
 
-def simulated(part: Part, signal: np.ndarray) -> np.ndarray:
+def simulated(part: ResidualPart, signal: np.ndarray) -> np.ndarray:
     """A part tick by tick, from its equations."""
     low, share = TICK / part.low_pass, 1.0 / part.memory(TICK)
     memory = slow = 0.0
@@ -166,7 +166,7 @@ def simulated(part: Part, signal: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("kind", [DIRECT, INTEGRAL, DERIVATIVE])
 @pytest.mark.parametrize("washout", [0.0, 0.5])
 def test_responses_are_those_of_the_equations(kind, washout):
-    part = Part("a part", kind, {"lateral": 1.0}, washout)
+    part = ResidualPart("a part", kind, {"lateral": 1.0}, washout)
     signal = np.random.default_rng(3).standard_normal(300)
     ours = noise.response(part, signal, TICK)
     # an integral's washout and low-pass commute but for a share of a tick
@@ -178,7 +178,7 @@ def test_responses_are_those_of_the_equations(kind, washout):
 def test_a_level_is_crossed_as_seldom_as_wanted():
     """White noise between both filters, simulated for hours: crossings of the level, counted."""
     rng = np.random.default_rng(7)
-    part = Part("a part", DIRECT, {"lateral": 1.0}, 0.8)
+    part = ResidualPart("a part", DIRECT, {"lateral": 1.0}, 0.8)
     hours = 20.0
     noisy = noise.response(part, rng.standard_normal(round(hours * 3600.0 / TICK)), TICK)
     wanted = 60.0
@@ -215,7 +215,7 @@ def test_the_floor_holds_for_noise_alone():
 
 def test_a_random_walk_stays_within_its_drift():
     """An integral of steps of which a tenth come wrong, against the mean step's factor."""
-    part = Part("an integral", INTEGRAL, {"stroke_front": 1.0}, 0.2)
+    part = ResidualPart("an integral", INTEGRAL, {"stroke_front": 1.0}, 0.2)
     rng = np.random.default_rng(2)
     samples = rng.standard_normal(100_000)
     steps = np.abs(np.diff(samples, prepend=0.0))
@@ -228,8 +228,8 @@ def test_a_random_walk_stays_within_its_drift():
 
 def test_offsets_count_only_where_nothing_washes_them_out():
     parts = {
-        "washed": Part("washed", DIRECT, {"lateral": 1000.0}, 0.5),
-        "kept": Part("kept", DIRECT, {"lateral": 1000.0}),
+        "washed": ResidualPart("washed", DIRECT, {"lateral": 1000.0}, 0.5),
+        "kept": ResidualPart("kept", DIRECT, {"lateral": 1000.0}),
     }
     biased = replace(BOX, noise=1e-9)
     floors = {

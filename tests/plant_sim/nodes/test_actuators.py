@@ -13,7 +13,7 @@ import vehicles
 from canroll.errors import CanrollError, UnknownNameError
 from firmware import calibration as fw
 from plant_sim.bodies import ports
-from plant_sim.kernels.schedule import Fault
+from plant_sim.kernels.schedule import ScheduledFault
 from plant_sim.nodes import actuator_kernel, actuator_models, codec, hydraulics
 from plant_sim.nodes import actuators as actuator_setup
 from plant_sim.nodes.actuators import ActuatorOptions
@@ -243,7 +243,7 @@ def test_the_delivered_moment_is_an_estimate(error):
 @pytest.mark.parametrize("corner", range(4))
 def test_faults_of_a_corner(kind, status, share, corner):
     name = actuator_setup.CORNERS[corner]
-    fault = Fault(where=name, kind=kind, start=0.2, value=0.3)
+    fault = ScheduledFault(where=name, kind=kind, start=0.2, value=0.3)
     rig = Rig("suspension", faults=(fault,), timeout_ms=1e6)
     rig.send("SuspensionForceCommand", **moment(1000))
     rig.run(200)
@@ -264,7 +264,7 @@ def test_faults_of_a_corner(kind, status, share, corner):
 
 def after_fault(kind, demand=600.0, ms=300, **options):
     """Bars at a steady ``demand`` (N·m), ``ms`` after a fault of the front one."""
-    faults = (Fault(where="front", kind=kind, start=0.2, **options),)
+    faults = (ScheduledFault(where="front", kind=kind, start=0.2, **options),)
     rig = Rig("bars", faults=faults, timeout_ms=1e6)
     rig.send("AntiRollBarCommand", TorqueFront=demand, TorqueRear=demand)
     rig.run(200)
@@ -307,8 +307,8 @@ def test_a_slow_bar_has_the_stated_lag():
 @pytest.mark.parametrize("kind", ["dead", "reversed", "floating", "stuck"])
 def test_a_lying_bar_reports_what_it_was_commanded(kind):
     faults = (
-        Fault(where="front", kind=kind, start=0.2),
-        Fault(where="front", kind="lying", start=0.2),
+        ScheduledFault(where="front", kind=kind, start=0.2),
+        ScheduledFault(where="front", kind="lying", start=0.2),
     )
     rig = Rig("bars", faults=faults, timeout_ms=1e6)
     rig.send("AntiRollBarCommand", TorqueFront=600, TorqueRear=600)
@@ -325,7 +325,7 @@ def test_a_lying_bar_reports_what_it_was_commanded(kind):
 @pytest.mark.parametrize("kind", ["dead", "derating", "reversed", "runaway", "slow", "weak"])
 def test_valves_fail_in_the_same_ways(kind):
     value = {"derating": 0.02, "runaway": 0.9, "slow": 50.0, "weak": 0.02}.get(kind, 0.5)
-    faults = (Fault(where="front", kind=kind, value=value),)
+    faults = (ScheduledFault(where="front", kind=kind, value=value),)
     rig = Rig("valves", faults=faults, timeout_ms=1e6)
     rig.send("AntiRollBarCommand", TorqueFront=500, TorqueRear=500)
     rig.run(250)
@@ -364,7 +364,7 @@ def test_bars_follow_in_ten_milliseconds_to_two_kilonewtonmetres():
 
 def test_a_fault_at_either_end_takes_the_whole_bar():
     for corner in ("rear_left", "rear_right"):
-        rig = Rig("bars", faults=(Fault(where=corner, kind="floating"),))
+        rig = Rig("bars", faults=(ScheduledFault(where=corner, kind="floating"),))
         rig.send("AntiRollBarCommand", TorqueFront=500, TorqueRear=500)
         rig.run(150)
         assert rig.delivered == pytest.approx([500, 0])
@@ -375,8 +375,8 @@ def test_a_fault_at_either_end_takes_the_whole_bar():
 @pytest.mark.parametrize("kind", ["bars", "valves"])
 def test_the_worst_of_several_faults_counts(kind, order):
     faults = (
-        Fault(where="front_left", kind="weak", value=0.5),
-        Fault(where="front_right", kind="floating"),
+        ScheduledFault(where="front_left", kind="weak", value=0.5),
+        ScheduledFault(where="front_right", kind="floating"),
     )
     rig = Rig(kind, faults=faults[::order])
     rig.send("AntiRollBarCommand", TorqueFront=500, TorqueRear=500)
@@ -538,7 +538,7 @@ def test_without_a_command_an_electro_hydraulic_bar_is_a_plain_one():
     [("stuck", 2, 560, 600), ("floating", 3, 0, 0), ("weak", 1, 560, 600)],
 )
 def test_faults_of_an_electro_hydraulic_bar(kind, status, low, high):
-    weak = Fault(where="front_right", kind=kind, start=0.5, value=0.4)
+    weak = ScheduledFault(where="front_right", kind=kind, start=0.5, value=0.4)
     rig = Rig("valves", faults=(weak,), timeout_ms=1e6)
     rig.send("AntiRollBarCommand", TorqueFront=600, TorqueRear=600)
     rig.run(600)
@@ -557,12 +557,12 @@ def test_a_weak_valve_is_slower():
         rig.run(60)
         return rig.delivered[0]
 
-    weak = Fault(where="front_left", kind="weak", value=0.3)
+    weak = ScheduledFault(where="front_left", kind="weak", value=0.3)
     assert after(weak) < 0.6 * after()
 
 
 def fault(corner="rear_left", kind="weak"):
-    return {"faults": (Fault(where=corner, kind=kind, value=0.5),)}
+    return {"faults": (ScheduledFault(where=corner, kind=kind, value=0.5),)}
 
 
 @pytest.mark.parametrize(

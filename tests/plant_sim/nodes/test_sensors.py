@@ -11,7 +11,7 @@ import dbc
 import vehicles
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.bodies import ports
-from plant_sim.kernels.schedule import Fault
+from plant_sim.kernels.schedule import ScheduledFault
 from plant_sim.nodes import codec, sensor_kernel
 from plant_sim.nodes import sensors as sensor_setup
 from plant_sim.nodes.sensors import SensorOptions
@@ -210,7 +210,7 @@ def test_range_clips():
     [("stuck", 0.0, 10.0), ("offset", math.radians(2.0), 22.0), ("invalid", 0.0, 163.83)],
 )
 def test_faults_change_one_signal_while_they_last(kind, value, expected):
-    fault = Fault(where="Imu.RollRate", kind=kind, start=0.01, end=0.02, value=value)
+    fault = ScheduledFault(where="Imu.RollRate", kind=kind, start=0.01, end=0.02, value=value)
     nodes = ideal(fault)
     observe(nodes, roll_rate=math.radians(10.0), yaw_rate=0.1)
     assert read(nodes, 5_000_000)["RollRate"] == pytest.approx(10.0)
@@ -223,7 +223,7 @@ def test_faults_change_one_signal_while_they_last(kind, value, expected):
 
 def series(kind, count=60, rate=lambda k: 10.0, **options):
     """Roll rates (deg/s) of samples every 10 ms, ``rate(k)`` being true; the fault is at 0.2 s."""
-    nodes = ideal(Fault(where="Imu.RollRate", kind=kind, start=0.2, **options))
+    nodes = ideal(ScheduledFault(where="Imu.RollRate", kind=kind, start=0.2, **options))
     found = []
     for k in range(count):
         observe(nodes, roll_rate=math.radians(rate(k)))
@@ -261,15 +261,15 @@ def test_a_delayed_signal_is_late_by_its_delay():
 
 def test_faults_of_one_signal_add_up():
     nodes = ideal(
-        Fault(where="Imu.RollRate", kind="scale", value=2.0),
-        Fault(where="Imu.RollRate", kind="offset", value=math.radians(1.0)),
+        ScheduledFault(where="Imu.RollRate", kind="scale", value=2.0),
+        ScheduledFault(where="Imu.RollRate", kind="offset", value=math.radians(1.0)),
     )
     observe(nodes, roll_rate=math.radians(10.0))
     assert read(nodes, 0)["RollRate"] == pytest.approx(21.0, abs=0.0052)
 
 
 def test_a_frozen_message_repeats_its_sample_and_goes_on_counting():
-    nodes = ideal(Fault(where="Imu", kind="frozen", start=0.02, end=0.04))
+    nodes = ideal(ScheduledFault(where="Imu", kind="frozen", start=0.02, end=0.04))
     seen = []
     for k in range(6):
         observe(nodes, roll_rate=math.radians(k), yaw_rate=0.01 * k)
@@ -280,7 +280,7 @@ def test_a_frozen_message_repeats_its_sample_and_goes_on_counting():
 
 
 def test_a_frozen_counter_is_repeated_with_fresh_values():
-    nodes = ideal(Fault(where="Imu", kind="frozen_counter", start=0.02, end=0.04))
+    nodes = ideal(ScheduledFault(where="Imu", kind="frozen_counter", start=0.02, end=0.04))
     seen = []
     for k in range(6):
         observe(nodes, roll_rate=math.radians(k))
@@ -290,20 +290,20 @@ def test_a_frozen_counter_is_repeated_with_fresh_values():
 
 
 def test_a_node_that_was_down_restarts_its_counters():
-    nodes = ideal(Fault(where="Imu", kind="down", start=0.02, end=0.04))
+    nodes = ideal(ScheduledFault(where="Imu", kind="down", start=0.02, end=0.04))
     sent_at = [k for k in range(6) if not sensor_kernel.silent(nodes, IMU, k * 10_000_000)]
     assert sent_at == [0, 1, 4, 5]
     assert nodes.node[IMU, sensor_kernel.SAMPLES] == 0
 
 
 def test_a_clock_that_drifts_stretches_the_cycle():
-    nodes = ideal(Fault(where="Imu", kind="clock_drift", start=1.0, value=0.01))
+    nodes = ideal(ScheduledFault(where="Imu", kind="clock_drift", start=1.0, value=0.01))
     assert sensor_kernel.period(nodes, IMU, 0) == 10_000_000
     assert sensor_kernel.period(nodes, IMU, 1_000_000_000) == 10_100_000
 
 
 def test_a_burst_adds_noise_of_the_stated_size():
-    nodes = ideal(Fault(where="Imu.RollRate", kind="burst", value=0.1))
+    nodes = ideal(ScheduledFault(where="Imu.RollRate", kind="burst", value=0.1))
     values = [
         sensor_kernel.measure(nodes, sensor_kernel.ROLL_RATE, 0.0, k, k, 5) for k in range(4000)
     ]
@@ -311,7 +311,7 @@ def test_a_burst_adds_noise_of_the_stated_size():
 
 
 def test_a_dropout_silences_the_whole_node_and_only_it():
-    nodes = ideal(Fault(where="Imu.YawRate", kind="dropout", start=0.1, end=0.2))
+    nodes = ideal(ScheduledFault(where="Imu.YawRate", kind="dropout", start=0.1, end=0.2))
     assert not sensor_kernel.silent(nodes, IMU, 99_999_999)
     assert sensor_kernel.silent(nodes, IMU, 100_000_000)
     assert not sensor_kernel.silent(nodes, IMU, 200_000_000)
@@ -355,7 +355,7 @@ def test_misalignment_and_arm_are_felt():
 
 
 def fault(signal="Imu.RollRate", kind="stuck", **when):
-    return {"faults": (Fault(where=signal, kind=kind, **when),)}
+    return {"faults": (ScheduledFault(where=signal, kind=kind, **when),)}
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from plant_sim import bodies, can_bus
 from plant_sim.buses import BUSES
 from plant_sim.can_bus.bounds.delay_bounds import delay_bounds
 from plant_sim.driving import maneuvers
-from plant_sim.kernels.schedule import Fault
+from plant_sim.kernels.schedule import ScheduledFault
 from plant_sim.nodes.actuators import ActuatorOptions
 from plant_sim.nodes.sensors import SensorOptions
 from plant_sim.world import open_loop
@@ -275,7 +275,7 @@ def test_one_long_advance_equals_many_short_ones():
 
 
 def test_a_dropout_of_the_imu_is_a_gap_on_the_bus():
-    fault = Fault(where="Imu.RollRate", kind="dropout", start=0.5, end=0.7)
+    fault = ScheduledFault(where="Imu.RollRate", kind="dropout", start=0.5, end=0.7)
     received = drive(make(sensors=SensorOptions(faults=(fault,))))
     times = np.array([int(f["t_ns"]) for f in received if f["ident"] == IDS["Imu"]])
     gap = np.diff(times).max()

@@ -13,7 +13,7 @@ from plant_sim.can_bus.bounds.analysis import (
 )
 from plant_sim.can_bus.kernel.ledger import drain
 from plant_sim.can_bus.kernel.network import (
-    Fault,
+    BusFault,
     NetworkSpec,
     Node,
     Segment,
@@ -163,7 +163,9 @@ def test_disturbed_frames_keep_to_the_bound_of_their_error_model():
             {"kind": "disturb", "value": int(rng.integers(1, 120))},
             {"kind": "refuse", "target": "Listener"},
         )
-        faults = tuple(Fault(**kinds[i % 2], from_ns=int(t), count=1) for i, t in enumerate(times))
+        faults = tuple(
+            BusFault(**kinds[i % 2], from_ns=int(t), count=1) for i, t in enumerate(times)
+        )
         network = build_network(replace(spec, faults=faults))
         advance(network, 10**9)
         entries, _, missed = drain(network, 0)

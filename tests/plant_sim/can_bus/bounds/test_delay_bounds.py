@@ -26,7 +26,7 @@ from plant_sim.can_bus.bounds.analysis import response_bounds
 from plant_sim.can_bus.bounds.delay_bounds import delay_bounds, message_paths
 from plant_sim.can_bus.network.own_frames import MS, own_messages
 from plant_sim.can_bus.network.profiles import background_of
-from plant_sim.can_bus.simulation.ages import Loop, simulate_ages
+from plant_sim.can_bus.simulation.ages import BusLoop, simulate_ages
 
 FRAMES = {m.name: m.frame_id for m in dbc.load().messages}
 OWN = {m.name: m for m in own_messages()}
@@ -102,7 +102,7 @@ def test_twenty_milliseconds_are_ten_to_twenty_in_total():
 
 
 def loop_of(*, tick_ms, offset_ns):
-    return Loop(
+    return BusLoop(
         sensor=OWN["Imu"],
         command=OWN["SuspensionForceCommand"],
         sensor_node=IMU,
@@ -136,7 +136,7 @@ def test_the_least_age_is_that_of_the_shortest_frames_each_used_when_received():
     """Once the bound counted the interframe spaces, which a receiver does not wait for."""
     network = make_network(load_profile("500k"), background=False)
     received = (111 - 4) * 2000
-    loop = Loop(
+    loop = BusLoop(
         sensor=replace(OWN["Imu"], bits=111),
         command=replace(OWN["SuspensionForceCommand"], bits=111),
         sensor_node=IMU,

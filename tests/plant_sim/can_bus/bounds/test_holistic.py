@@ -5,7 +5,7 @@ from dataclasses import replace
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant_sim.buses.topology import BusGateway, BusSegment, Spread, Topology
+from plant_sim.buses.topology import BusGateway, BusSegment, TimeSpread, Topology
 from plant_sim.can_bus import advance, build_network, drain
 from plant_sim.can_bus.bounds.analysis import (
     OVERLOADED,
@@ -32,7 +32,7 @@ def tree(parents, rates, latencies=None):
     )
     latencies = latencies or [(2 * MS, 2 * MS)] * len(parents)
     gateways = (
-        BusGateway(f"g{k}", (near, k + 1), Spread(*latency))
+        BusGateway(f"g{k}", (near, k + 1), TimeSpread(*latency))
         for k, (near, latency) in enumerate(zip(parents, latencies, strict=True))
     )
     return Topology(segments, tuple(gateways))

@@ -8,7 +8,7 @@ from plant_sim.can_bus import (
     DELIVERED,
     ERROR,
     REFUSED,
-    Fault,
+    BusFault,
     Gateway,
     NetworkSpec,
     Node,
@@ -67,7 +67,7 @@ def receivers_flag(bits, position):
 
 @pytest.mark.parametrize("position", range(1, 100, 7))
 def test_an_error_frame_is_as_long_as_a_watching_receiver_makes_it(position):
-    network = bus(faults=(Fault("disturb", "n0", value=position, count=1),))
+    network = bus(faults=(BusFault("disturb", "n0", value=position, count=1),))
     enqueue(network, 0, 0, 0x2AA, 8, PAYLOAD)
     advance(network, 10 * MS)
     broken, good = entries(network)
@@ -84,7 +84,7 @@ def test_an_error_frame_is_as_long_as_a_watching_receiver_makes_it(position):
 
 
 def test_counters_rise_by_eight_and_one_and_fall_by_one():
-    network = bus(faults=(Fault("disturb", "n0", count=3),))
+    network = bus(faults=(BusFault("disturb", "n0", count=3),))
     enqueue(network, 0, 0, 0x100, 8, PAYLOAD)
     advance(network, 10 * MS)
     assert list(network.nodes["transmit_errors"]) == [23, 0, 0]
@@ -97,7 +97,7 @@ def test_counters_rise_by_eight_and_one_and_fall_by_one():
 
 
 def test_an_error_passive_node_waits_eight_bits_behind_its_own_frames():
-    network = bus(faults=(Fault("disturb", "n0", count=16),))
+    network = bus(faults=(BusFault("disturb", "n0", count=16),))
     enqueue(network, 0, 0, 0x100, 0, PAYLOAD)
     enqueue(network, 0, 0, 0x101, 0, PAYLOAD)
     advance(network, 100 * MS)
@@ -111,10 +111,10 @@ def test_an_error_passive_node_waits_eight_bits_behind_its_own_frames():
 
 
 def test_another_node_may_use_the_time_a_passive_node_waits():
-    network = bus(faults=(Fault("disturb", "n0", count=16),))
+    network = bus(faults=(BusFault("disturb", "n0", count=16),))
     enqueue(network, 0, 0, 0x100, 0, PAYLOAD)
     advance(network, 100 * MS)
-    network = bus(faults=(Fault("disturb", "n0", count=16),))
+    network = bus(faults=(BusFault("disturb", "n0", count=16),))
     enqueue(network, 0, 0, 0x100, 0, PAYLOAD)
     enqueue(network, 1, 10, 0x700, 0, PAYLOAD)
     advance(network, 100 * MS)
@@ -126,7 +126,7 @@ def test_another_node_may_use_the_time_a_passive_node_waits():
 def test_bus_off_after_thirty_two_errors_then_recovery():
     network = bus(
         sources=(Source("n0", 0x100, 8, 10 * MS), Source("n1", 0x200, 8, 1 * MS)),
-        faults=(Fault("disturb", "n0", 100 * MS, count=32),),
+        faults=(BusFault("disturb", "n0", 100 * MS, count=32),),
     )
     advance(network, 100 * MS)
     assert network.nodes["state"][0] == ERROR_ACTIVE
@@ -153,7 +153,7 @@ def test_bus_off_after_thirty_two_errors_then_recovery():
 def test_a_node_that_does_not_recover_stays_off():
     network = bus(
         sources=(Source("n0", 0x100, 8, 10 * MS), Source("n1", 0x200, 8, 1 * MS)),
-        faults=(Fault("disturb", "n0", count=32),),
+        faults=(BusFault("disturb", "n0", count=32),),
         recovers=False,
     )
     advance(network, 1_000 * MS)
@@ -164,11 +164,11 @@ def test_a_node_that_does_not_recover_stays_off():
 
 
 def test_recovery_on_an_idle_bus_takes_128_times_11_bits():
-    network = bus(faults=(Fault("disturb", "n0", count=32),))
+    network = bus(faults=(BusFault("disturb", "n0", count=32),))
     enqueue(network, 0, 0, 0x100, 8, PAYLOAD)
     advance(network, 20 * MS)
     end = int(entries(network)["t_end"].max())
-    network = bus(faults=(Fault("disturb", "n0", count=32),))
+    network = bus(faults=(BusFault("disturb", "n0", count=32),))
     enqueue(network, 0, 0, 0x100, 8, PAYLOAD)
     advance(network, end + 128 * 11 * BIT - 1)
     assert network.nodes["state"][0] == BUS_OFF
@@ -177,7 +177,7 @@ def test_recovery_on_an_idle_bus_takes_128_times_11_bits():
 
 
 def test_single_shot_loses_instead_of_repeating():
-    network = bus(faults=(Fault("disturb", "n0", count=1),), single_shot=True)
+    network = bus(faults=(BusFault("disturb", "n0", count=1),), single_shot=True)
     enqueue(network, 0, 0, 0x100, 8, PAYLOAD)
     advance(network, 10 * MS)
     assert account(network, 0).outcomes["lost: single shot"] == 1
@@ -185,7 +185,7 @@ def test_single_shot_loses_instead_of_repeating():
 
 
 def test_a_stale_frame_is_not_repeated_where_a_newer_one_waits():
-    network = bus(faults=(Fault("disturb", "n0", value=60, count=1),), policy="replace")
+    network = bus(faults=(BusFault("disturb", "n0", value=60, count=1),), policy="replace")
     enqueue(network, 0, 0, 0x100, 1, np.array([1], np.uint8))
     enqueue(network, 0, 50_000, 0x100, 1, np.array([2], np.uint8))
     advance(network, 10 * MS)
@@ -256,7 +256,7 @@ def test_random_errors_have_the_rate_they_are_given():
 
 def refusing(*faults, count=1, receiver="n1", **options):
     """A sender n0 and two receivers, the first of which refuses what ``count`` attempts bring."""
-    refusal = Fault("refuse", receiver, ident=0x100, count=count)
+    refusal = BusFault("refuse", receiver, ident=0x100, count=count)
     return bus(faults=(refusal, *faults), **options)
 
 
@@ -286,7 +286,7 @@ def test_a_frame_that_one_receiver_refuses_reaches_the_others_twice():
 def test_it_is_lost_to_one_receiver_where_the_sender_fails_before_it_sends_again():
     """Inconsistent omission, by a sender that fails or that sends only once."""
     for network in (
-        refusing(Fault("node_down", "n0", from_ns=200_000)),
+        refusing(BusFault("node_down", "n0", from_ns=200_000)),
         refusing(single_shot=True),
     ):
         enqueue(network, 0, 0, 0x100, 8, PAYLOAD)
@@ -312,7 +312,7 @@ def test_an_error_passive_receiver_misses_a_frame_unnoticed():
 
 
 def test_refusals_are_for_receivers_that_are_there_and_as_often_as_asked():
-    network = refusing(Fault("node_down", "n1", until_ns=1 * MS), count=2)
+    network = refusing(BusFault("node_down", "n1", until_ns=1 * MS), count=2)
     for place, ident in enumerate((0x100, 0x101, 0x100, 0x100)):
         enqueue(network, 0, place * MS, ident, 8, PAYLOAD)
     advance(network, 10 * MS)
@@ -329,7 +329,7 @@ def test_a_gateway_forwards_what_it_has_taken_and_not_what_it_refused():
                 (Segment(500_000), Segment(500_000)),
                 (Node("a"), Node("b"), Node("g"), Node("h", 1), Node("z", 1)),
                 gateways=(Gateway("g", "h", 1 * MS),),
-                faults=(Fault("refuse", receiver, count=1),),
+                faults=(BusFault("refuse", receiver, count=1),),
             )
         )
         enqueue(network, 0, 0, 0x100, 8, PAYLOAD)

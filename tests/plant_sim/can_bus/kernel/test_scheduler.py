@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.buses.topology import Spread
+from plant_sim.buses.topology import TimeSpread
 from plant_sim.can_bus import (
     DELIVERED,
     OUTCOMES,
     SUPERSEDED,
-    Fault,
+    BusFault,
     Gateway,
     NetworkSpec,
     Node,
@@ -222,7 +222,7 @@ def test_a_partition_at_the_gateway_loses_exactly_the_frames_of_its_time():
         segments=2,
         sources=(Source("n0", 0x100, 8, 10 * ms),),
         gateways=(Gateway("n2", "n3", 1 * ms),),
-        faults=(Fault("gateway_down", 0, 100 * ms, 200 * ms),),
+        faults=(BusFault("gateway_down", 0, 100 * ms, 200 * ms),),
     )
     advance(network, 1_000 * ms)
     result = account(network, 1)
@@ -235,8 +235,8 @@ def test_lost_and_delayed_nodes():
     network = bus(
         sources=(Source("n0", 0x100, 8, 10 * ms), Source("n1", 0x200, 8, 10 * ms)),
         faults=(
-            Fault("node_down", "n0", 200 * ms, 300 * ms),
-            Fault("node_delay", "n1", 500 * ms, 600 * ms, value=7 * ms),
+            BusFault("node_down", "n0", 200 * ms, 300 * ms),
+            BusFault("node_delay", "n1", 500 * ms, 600 * ms, value=7 * ms),
         ),
     )
     advance(network, 1_005 * ms)
@@ -269,7 +269,7 @@ def test_a_babbling_idiot_starves_everybody_below_it():
 
 
 def test_overload_frames_hold_the_bus_fifteen_bits():
-    network = bus(faults=(Fault("overload", 0, count=1),))
+    network = bus(faults=(BusFault("overload", 0, count=1),))
     enqueue(network, 0, 0, 0x100, 0, PAYLOAD)
     enqueue(network, 1, 0, 0x200, 0, PAYLOAD)
     advance(network, 10_000_000)
@@ -444,7 +444,7 @@ def test_measured_latencies_are_drawn_as_they_were_measured():
 
 def test_a_nodes_jitter_delays_its_frames_and_keeps_their_order():
     ms = 1_000_000
-    late = Spread.of_samples((0, 1 * ms, 30 * ms))
+    late = TimeSpread.of_samples((0, 1 * ms, 30 * ms))
     spec = NetworkSpec(
         segments=(Segment(500_000),),
         nodes=(Node("a", policy="priority", jitter=late), Node("b", policy="priority")),
@@ -469,7 +469,7 @@ def test_a_nodes_jitter_delays_its_frames_and_keeps_their_order():
 
 
 def test_there_is_room_for_so_many_measured_times():
-    late = Spread.of_samples(tuple(range(1, 10_000)))
+    late = TimeSpread.of_samples(tuple(range(1, 10_000)))
     nodes = tuple(Node(name, jitter=late) for name in "ab")
     with pytest.raises(CanrollError, match="at most 16384 measured times"):
         build_network(NetworkSpec(segments=(Segment(500_000),), nodes=nodes))
@@ -479,9 +479,9 @@ def test_a_delay_fault_comes_on_top_of_a_nodes_jitter():
     ms = 1_000_000
     spec = NetworkSpec(
         segments=(Segment(500_000),),
-        nodes=(Node("a", jitter=Spread(1 * ms, 1 * ms)), Node("b")),
+        nodes=(Node("a", jitter=TimeSpread(1 * ms, 1 * ms)), Node("b")),
         sources=(Source("a", 0x100, 8, 10 * ms),),
-        faults=(Fault("node_delay", "a", 100 * ms, 200 * ms, value=2 * ms),),
+        faults=(BusFault("node_delay", "a", 100 * ms, 200 * ms, value=2 * ms),),
     )
     network = build_network(spec)
     advance(network, 300 * ms)

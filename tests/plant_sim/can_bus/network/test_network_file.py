@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
-from plant_sim.buses.topology import NODES, BusGateway, Spread
+from plant_sim.buses.topology import NODES, BusGateway, TimeSpread
 from plant_sim.can_bus import ACTUATOR, ECU, IMU, load_profile, make_network
 from plant_sim.can_bus.bounds.delay_bounds import delay_bounds
 from plant_sim.can_bus.network.own_frames import MS, own_messages
 from plant_sim.can_bus.network.profiles import background_of, profile_spec, routed_messages
-from plant_sim.can_bus.simulation.ages import Loop, simulate_ages
+from plant_sim.can_bus.simulation.ages import BusLoop, simulate_ages
 
 ROOT = Path(__file__).parents[4]
 OWN = ROOT / "examples" / "own_bus"
@@ -93,13 +93,13 @@ def test_what_a_file_says(folder):
     assert [s.bitrate for s in network.segments] == [500_000, 1_000_000, 250_000]
     assert network.segments[1].data_bitrate == 2_000_000
     assert network.segments[2].bit_error_rate == 1e-8
-    assert network.gateways[0] == BusGateway("central", (1, 0), Spread(1 * MS, 2 * MS))
-    measured = Spread(2 * MS, 6 * MS, (2 * MS, 2_500_000, 6 * MS))
+    assert network.gateways[0] == BusGateway("central", (1, 0), TimeSpread(1 * MS, 2 * MS))
+    measured = TimeSpread(2 * MS, 6 * MS, (2 * MS, 2_500_000, 6 * MS))
     assert network.gateways[1].latency == measured and network.gateways[1].name == "gateway2"
     assert [network.place(node) for node in NODES] == [0, 2, 2, 2, 2, 0]
     assert network.jitter["Imu"].samples_ns == (0, 0, 250_000, 1_500_000)
-    assert network.jitter["Suspension"] == Spread(100_000, 400_000)
-    assert network.jitter["RollControl"] == Spread(0, 200_000)
+    assert network.jitter["Suspension"] == TimeSpread(100_000, 400_000)
+    assert network.jitter["RollControl"] == TimeSpread(0, 200_000)
     ways = {r.message.name: r.segments for r in routed_messages(profile)}
     assert ways["Imu"] == (2, 1, 0) and ways["SuspensionForceCommand"] == (0, 1, 2)
     assert ways["Doors"] == (2, 1) and ways["Window"] == (2,)
@@ -117,7 +117,7 @@ def test_what_a_file_says(folder):
 
 def ages(profile, *, seed, tick_ms, seconds=1.0):
     messages = {m.name: m for m in own_messages(profile=profile)}
-    loop = Loop(
+    loop = BusLoop(
         sensor=messages["Imu"],
         command=messages["SuspensionForceCommand"],
         sensor_node=IMU,
@@ -230,7 +230,7 @@ def test_one_bus_may_have_jitter_and_measured_latencies(tmp_path):
     )
     network = load_profile(str(path)).network
     assert network.gateways[0].latency.samples_ns == (3 * MS, 4 * MS)
-    assert network.jitter["Imu"] == Spread(0, 1 * MS)
+    assert network.jitter["Imu"] == TimeSpread(0, 1 * MS)
     assert network.place("RollControl") == 0 and network.place("Imu") == 1
 
 

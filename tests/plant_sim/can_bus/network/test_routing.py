@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.buses.topology import BusGateway, BusSegment, Spread, Topology
+from plant_sim.buses.topology import BusGateway, BusSegment, TimeSpread, Topology
 from plant_sim.can_bus import (
     BusProfile,
     account,
@@ -30,8 +30,8 @@ LINE = Topology(
         BusSegment("vehicle", 250_000, 0.6),
     ),
     gateways=(
-        BusGateway("central", (1, 0), Spread(1 * MS, 2 * MS)),
-        BusGateway("zone", (1, 2), Spread(2 * MS, 2 * MS)),
+        BusGateway("central", (1, 0), TimeSpread(1 * MS, 2 * MS)),
+        BusGateway("zone", (1, 2), TimeSpread(2 * MS, 2 * MS)),
     ),
     places={"RollControl": 0, "Reference": 1}
     | dict.fromkeys(("Imu", "Chassis", "Suspension", "Actuator"), 2),
@@ -57,14 +57,14 @@ def test_our_messages_go_to_their_receivers_and_no_farther():
 
 
 def test_of_two_ways_one_is_taken():
-    ring = replace(LINE, gateways=(*LINE.gateways, BusGateway("short", (0, 2), Spread(MS, MS))))
+    ring = replace(LINE, gateways=(*LINE.gateways, BusGateway("short", (0, 2), TimeSpread(MS, MS))))
     ways = {r.message.name: r for r in routed_messages(profile(ring))}
     assert ways["Imu"].hops == (Hop(2, 2, 0),)
 
 
 def test_a_list_passes_on_what_is_in_it_from_either_side():
     first, second = message("A", 0x100), message("B", 0x101)
-    gateway = BusGateway("g", (0, 1), Spread(0, 0), ("A", 0x101))
+    gateway = BusGateway("g", (0, 1), TimeSpread(0, 0), ("A", 0x101))
     topology = Topology((BusSegment("x", 500_000), BusSegment("y", 500_000)), (gateway,))
     ways = route(topology, (), [[first, message("C", 0x102)], [second]], {})
     assert [way.segments for way in ways] == [(0, 1), (0,), (1, 0)]
@@ -75,7 +75,7 @@ def listed(*gateways):
     places = {"RollControl": 0, "Imu": 1}
     return Topology(
         tuple(BusSegment(name, 500_000) for name in "xyz"),
-        tuple(BusGateway(f"g{k}", g[0], Spread(), g[1]) for k, g in enumerate(gateways)),
+        tuple(BusGateway(f"g{k}", g[0], TimeSpread(), g[1]) for k, g in enumerate(gateways)),
         places,
     )
 
@@ -110,14 +110,14 @@ def test_a_gateway_of_no_latency_is_no_more_than_two_buses():
     ways = route(
         Topology(
             (BusSegment("x", 500_000), BusSegment("y", 500_000)),
-            (BusGateway("g", (0, 1), Spread()),),
+            (BusGateway("g", (0, 1), TimeSpread()),),
             {"Imu": 0, "RollControl": 1},
         ),
         (IMU,),
         [[], []],
         {},
     )
-    topology = Topology((BusSegment("x", 500_000),) * 2, (BusGateway("g", (0, 1), Spread()),))
+    topology = Topology((BusSegment("x", 500_000),) * 2, (BusGateway("g", (0, 1), TimeSpread()),))
     (found,) = arrivals(RoutedNetwork(topology, ways))
     frame = IMU.worst_ns(500_000)
     shortest = IMU.best_ns(500_000)
@@ -168,7 +168,7 @@ def random_network(rng):
             BusGateway(
                 f"g{k}",
                 (int(rng.integers(k)), k),
-                Spread(low, low + int(rng.integers(2 * MS))),
+                TimeSpread(low, low + int(rng.integers(2 * MS))),
                 tuple(names),
             )
         )
