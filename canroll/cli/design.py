@@ -14,6 +14,7 @@ from canroll.cli.options import (
     choices_of,
 )
 from canroll.errors import CanrollError, writing
+from canroll.report.page import PageTable
 from canroll.setup.bus_frames import profile_of
 from canroll.setup.choices import check as check_choices
 from canroll.setup.choices import chosen
@@ -104,7 +105,7 @@ def faults_of(task: Task, options: QuantiseOptions) -> tuple[Detectable, ...]:
 def show(answer: Design) -> None:
     """Print gains, checks and warnings of a design."""
     print("\n".join((*design_view.head(answer), "")))
-    terminal.show_table(design_view.checks(answer))
+    terminal.show_table(design_view.checks(answer.verified))
     if not answer.is_verified:
         print("NOT VERIFIED: written for comparison only")
     terminal.show_warnings(answer.warnings)
@@ -139,18 +140,16 @@ def compare(args: argparse.Namespace) -> int:
         f"{task.vehicle.name}, {task.actuator}, tick {1e3 * task.tick:g} ms, delay "
         f"{1e3 * task.delay.least:.4g} to {1e3 * task.delay.most:.4g} ms from sample to force"
     )
-    columns = ("roll rms", "box", "delay ms", "gain dB", "Ms")
-    widths = (9, 7, 10, 9, 7)
-    print(f"{'law':<18}" + "".join(f"{c:>{w}}" for c, w in zip(columns, widths, strict=True)))
+    head = ("law", "roll RMS", "±20 %", "delay (ms)", "gain (dB)", "Ms")
+    rows = [_row(answer) for answer in answers.values() if isinstance(answer, Design)]
+    terminal.show_table(PageTable("Designs", head, rows))
     for law, answer in answers.items():
         if isinstance(answer, CanrollError):
-            print(f"{law:<18} refused: {answer}")
-            continue
-        print(_line(answer))
+            print(f"{law} refused: {answer}")
     return 0
 
 
-def _line(answer: Design) -> str:
+def _row(answer: Design) -> tuple[str, ...]:
     """Return one row of the comparison."""
 
     def number(name: str, digits: int) -> str:
@@ -165,9 +164,12 @@ def _line(answer: Design) -> str:
 
     delay = f"{1e3 * answer.max_delay:.0f}" if isfinite(answer.max_delay) else "any"
     return (
-        f"{answer.law:<18}{number('roll_rms_ratio_nominal_delay', 3):>9}"
-        f"{number('box_roll_rms_ratio', 3):>7}{delay:>10}"
-        f"{worst('gain_margin_db', 1):>9}{worst('peak_sensitivity', 2):>7}"
+        answer.law,
+        number("roll_rms_ratio_nominal_delay", 3),
+        number("box_roll_rms_ratio", 3),
+        delay,
+        worst("gain_margin_db", 1),
+        worst("peak_sensitivity", 2),
     )
 
 

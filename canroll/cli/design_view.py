@@ -1,11 +1,11 @@
 """A design as people read it: its gains, its checks with limits, and its other numbers."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from math import inf
 
 from canroll.report.page import PageTable
 from gain_gen.calibration.freeze import summary
-from gain_gen.models.task import Design
+from gain_gen.models.task import Check, Design
 from gain_gen.monitors.detectability import Detectable
 
 LABELS = {
@@ -90,8 +90,8 @@ def head(answer: Design) -> Iterator[str]:
             yield f"  {name:<7} {'  '.join(f'{number:.6g}' for number in row)}"
 
 
-def checks(answer: Design) -> PageTable:
-    """Return the checks, each with its limit, verdict and worst case."""
+def checks(verified: Mapping[str, Check]) -> PageTable:
+    """Return checks, each with its limit, verdict and worst case."""
     return PageTable(
         title="",
         head=("check", "value", "limit", "", "worst case"),
@@ -104,7 +104,7 @@ def checks(answer: Design) -> PageTable:
                 "ok" if check.ok else "FAILS",
                 check.where,
             )
-            for name, check in answer.verified.items()
+            for name, check in verified.items()
         ],
     )
 

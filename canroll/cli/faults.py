@@ -2,11 +2,12 @@
 
 import argparse
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from canroll.cli import terminal
 from canroll.cli.cases import driven
 from canroll.cli.options import choices_of
+from canroll.report.page import PageTable
 from canroll.report.run_folder import write_page
 from canroll.report.staging import page_folder
 from canroll.studies import fault_study
@@ -32,7 +33,8 @@ def run(args: argparse.Namespace) -> int:
         f"{settings.bus_name}"
     )
     terminal.show_verdict(found.verdict, good=not found.exit_code)
-    print("\n" + "\n".join(coverage_lines(found.coverage)))
+    print()
+    terminal.show_table(coverage_table(found.coverage))
     others = [f for f in found.faults if f.as_expected is False and not f.harmful]
     parts: dict[str, Sequence[JudgedFault]] = {
         "Harmful and not detected": found.undetected,
@@ -62,11 +64,10 @@ def line(fault: JudgedFault) -> str:
     return f"{fault.entry.name}: {found}{'' if fault.as_expected else expected}; {harm}"
 
 
-def coverage_lines(coverage: Sequence[Coverage]) -> Iterator[str]:
-    """Yield the diagnostic coverage by group as a table; missed: harmful and not detected."""
+def coverage_table(coverage: Sequence[Coverage]) -> PageTable:
+    """Return the diagnostic coverage by group; missed: harmful and not detected."""
     head = ("", "faults", "detected", "harmful", "in time", "missed", "coverage")
-    rows: list[tuple[str, ...]] = [(*head, "median (ms)", "most (ms)")]
-    rows += [
+    rows = [
         (
             of.group,
             *(str(n) for n in (of.faults, of.detected, of.harmful, of.in_time)),
@@ -76,7 +77,4 @@ def coverage_lines(coverage: Sequence[Coverage]) -> Iterator[str]:
         )
         for of in coverage
     ]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    for name, *cells in rows:
-        numbers = (f"{cell:>{width}}" for cell, width in zip(cells, widths[1:], strict=True))
-        yield f"{name:<{widths[0]}}  {'  '.join(numbers)}".rstrip()
+    return PageTable("Diagnostic coverage", (*head, "median (ms)", "most (ms)"), rows)

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import vehicles
-from canroll.cli import terminal
+from canroll.cli import design_view, terminal
 from canroll.errors import writing
-from gain_gen.analysis.family import FamilyMargins
+from canroll.report.page import PageTable
+from gain_gen.analysis.family import Condition, FamilyMargins
 from gain_gen.analysis.margins import Margins
 from gain_gen.calibration import calibration_file
 from gain_gen.design import UNVERIFIED
@@ -19,6 +20,9 @@ from gain_gen.margin_report import DelayMargin, MarginReport, admits, margin_rep
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+POINT = ("", "peak", "gain (dB)", "phase (°)", "Ms")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -41,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
             terminal.show_warnings([without(calibration.stage.file)])
         if not calibration.verified:
             terminal.show_warnings(t for t in calibration.warnings if t.startswith(UNVERIFIED))
-        print("\n".join(lines(report)))
+        show(report)
         if args.out is not None:
             print(f"written: {picture}")
     return 0 if admits(report) else 1
@@ -56,47 +60,55 @@ def without(stage: str) -> str:
     )
 
 
-def lines(report: MarginReport) -> Iterable[str]:
-    """Yield the tables as text."""
+def show(report: MarginReport) -> None:
+    """Print what was designed for, the tables and the checks."""
     delay = report.delay
-    yield (
+    print(
         f"{report.law} for {report.vehicle}: designed for {1e3 * delay.least:.4g} to "
         f"{1e3 * delay.most:.4g} ms from sample to force, stable for {_delay(report.max_delay)}"
     )
     if report.note:
-        yield f"warning: {report.note}"
-    yield from ("", f"{'worst over all delays':<52} {'gain dB':>8} {'Ms':>7} {'at ms':>7}")
-    conditions = dict.fromkeys(row.condition for row in report.family.rows)
+        terminal.show_warnings([report.note])
+    conditions = tuple(dict.fromkeys(row.condition for row in report.family.rows))
+    print()
+    terminal.show_table(_family_table(report.family, conditions))
+    print()
+    terminal.show_table(design_view.checks(report.checks))
+    over_delay = [(f"{1e3 * point.delay:.0f} ms", point) for point in report.over_delay]
+    over_gain = [(f"× {point.gain_factor:g}", point) for point in report.over_gain]
+    for title, points in (
+        (f"over delay, {conditions[0]}", over_delay),
+        (f"over gain, delay {1e3 * delay.nominal:.4g} ms", over_gain),
+    ):
+        print(f"\n{title}")
+        terminal.show_table(PageTable(title, POINT, [_row(*point) for point in points]))
+
+
+def _family_table(family: FamilyMargins, conditions: Iterable[Condition]) -> PageTable:
+    rows = []
     for condition in conditions:
-        rows = FamilyMargins(tuple(row for row in report.family.rows if row.condition == condition))
-        gain, peak = rows.worst_gain, rows.worst_sensitivity
-        yield (
-            f"{condition!s:<52} {_number(gain.margins.gain_db):>8} "
-            f"{_peak(peak.margins):>7} {1e3 * peak.delay:7.1f}"
-        )
-    for name, check in report.checks.items():
-        verdict = "ok" if check.ok else "FAILS"
-        yield f"{name}: {check.value:.4g} against {check.limit:g}  {verdict} ({check.where})"
-    header = f"{'':>12} {'peak':>8} {'gain dB':>8} {'phase':>7} {'Ms':>8}"
-    yield from ("", f"over delay, {next(iter(conditions))}", header)
-    for point in report.over_delay:
-        yield _row(f"{1e3 * point.delay:.0f} ms", point)
-    yield from ("", f"over gain, delay {1e3 * delay.nominal:.4g} ms", header)
-    for point in report.over_gain:
-        yield _row(f"x {point.gain_factor:g}", point)
+        of = FamilyMargins(tuple(row for row in family.rows if row.condition == condition))
+        gain, peak = of.worst_gain, of.worst_sensitivity
+        numbers = _number(gain.margins.gain_db), _peak(peak.margins), f"{1e3 * peak.delay:.1f}"
+        rows.append((str(condition), *numbers))
+    head = ("worst over all delays", "gain (dB)", "Ms", "at (ms)")
+    return PageTable("Family", head, rows)
 
 
 def _delay(seconds: float) -> str:
     return f"delays up to {_number(1e3 * seconds)} ms" if isfinite(seconds) else "any delay"
 
 
-def _row(label: str, point: DelayMargin) -> str:
-    found = point.margins
+def _row(label: str, point: DelayMargin) -> tuple[str, ...]:
+    of = point.margins
     if not point.stable:
-        return f"{label:>12} unstable"
+        return (label, "unstable", "", "", "")
     return (
-        f"{label:>12} {point.peak:8.4f} {_number(found.gain_db):>8} "
-        f"{_number(found.phase_deg):>7} {_peak(found):>8}"
+        label,
+        f"{point.peak:.4f}",
+        _number(of.gain_db),
+        _number(of.phase_deg),
+        _peak(of),
     )
 
 

@@ -1,5 +1,6 @@
 """Terminal output of a run: table, verdict and progress."""
 
+import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -106,6 +107,10 @@ def note(text: str) -> None:
     print(text, file=sys.stderr)
 
 
+FIGURE = re.compile(r"[<>≤≥×±+−-]? ?\d")
+"""A cell that is a number; a column with one is aligned on the right."""
+
+
 def _widths(columns: Sequence[Sequence[str]], room: int) -> list[int]:
     """Return the columns' widths in ``room``; what is too wide breaks, between words if it can."""
     widths = [max(map(cell_len, column)) for column in columns]
@@ -127,7 +132,7 @@ def _table(
     table = rich.table.Table(box=None, pad_edge=False, header_style="bold")
     widths = _widths(columns, console.width - 2 * (len(columns) - 1))
     for number, (column, width) in enumerate(zip(columns, widths, strict=True)):
-        figures = number > 0 and any(letter.isdigit() for text in column[1:] for letter in text)
+        figures = number > 0 and any(map(FIGURE.match, column[1:]))
         table.add_column(
             column[0], justify="right" if figures else "left", width=width, overflow="fold"
         )

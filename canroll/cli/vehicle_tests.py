@@ -23,7 +23,7 @@ from canroll.setup.choices import PASSIVE, chosen
 from canroll.setup.controller import PreparedController
 from canroll.studies import severe as severe_manoeuvres
 from canroll.studies.linear_response import linear_response, to_json
-from canroll.studies.linear_response_view import draw, lines
+from canroll.studies.linear_response_view import draw, tables, trim_of
 from plant_sim import bodies
 from plant_sim.bodies.ports import Body
 from plant_sim.driving import maneuvers, standards
@@ -141,7 +141,12 @@ def _linear(args: argparse.Namespace, vehicle: Vehicle, body: Body) -> int:
         }
         print(json.dumps(asked | to_json(found)))
         return 0
-    print("\n".join(lines(found, where)))
+    print(f"{where}\n{trim_of(found)}")
+    for table in tables(found):
+        print(f"\n{table.title}")
+        terminal.show_table(table)
+    if found.distance is None:
+        print(f"\nno design model at this trim: {found.why_not}")
     if args.out is not None:
         print(f"\nwritten: {args.out / PICTURE}")
     return 0

@@ -1,12 +1,13 @@
 """A linearised plant as tables and as a figure."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import writing
+from canroll.report.page import PageTable
 from canroll.studies.linear_response import (
     EXCITATIONS,
     FREQUENCIES,
@@ -18,6 +19,7 @@ from plant_sim.bodies import ports
 SHOWN_EVERY = 8
 """Every how many frequencies the printed tables have a row."""
 
+Vector = NDArray[np.float64]
 NAMES = {
     "roll_rate": "roll rate",
     "roll": "roll",
@@ -35,15 +37,56 @@ UNITS = {
 }
 
 
-def lines(found: LinearResponse, where: str) -> Iterable[str]:
-    """Yield the tables as text."""
+def tables(found: LinearResponse) -> Iterable[PageTable]:
+    """Yield the modes, gain and phase (°) for each excitation, and the distance to the design."""
+    yield PageTable("modes", ("Hz", "damping", "pole (1/s)", "motion"), _modes(found))
+    for name in EXCITATIONS:
+        per, unit, units = UNITS[name]
+        heads = (f"{NAMES[key]} ({u})" for key, u in zip(MEASURED, units, strict=True))
+        columns = [
+            _scaled(response, unit, u)
+            for response, u in zip(found.plant[name].values(), units, strict=True)
+        ]
+        rows = [
+            (
+                f"{FREQUENCIES[i]:.2f}",
+                *(
+                    text
+                    for gain, phase in columns
+                    for text in (f"{gain[i]:.4g}", f"{phase[i]:.0f}")
+                ),
+            )
+            for i in range(0, FREQUENCIES.size, SHOWN_EVERY)
+        ]
+        head = ("Hz", *(text for head in heads for text in (head, "phase (°)")))
+        yield PageTable(f"{name}, {per}: gain and phase", head, rows)
+    if found.distance is not None:
+        yield PageTable(
+            f"distance to the design model, 0.1 to {FREQUENCIES[-1]:g} Hz, % of the plant's peak",
+            ("", *NAMES.values()),
+            [
+                (name, *("–" if v is None else f"{100 * v:.2f}" for v in row.values()))
+                for name, row in found.distance.items()
+            ],
+        )
+
+
+def trim_of(found: LinearResponse) -> str:
+    """Return the trim in words."""
     trim = found.trim
-    yield where
-    yield (
+    return (
         f"road wheels at {_rounded(np.degrees(trim.inputs[ports.STEER]))}°, "
         f"roll {_rounded(np.degrees(trim.outputs[ports.ROLL]))}°"
     )
-    yield from ("", f"{'Hz':>8} {'damping':>8} {'pole 1/s':>16}  motion")
+
+
+def _point(column: tuple[Vector, Vector], i: int) -> tuple[str, str]:
+    gain, phase = column
+    return f"{gain[i]:.4g}", f"{phase[i]:.0f}"
+
+
+def _modes(found: LinearResponse) -> Sequence[tuple[str, ...]]:
+    rows = []
     for mode in found.modes:
         pole = f"{mode.pole.real:.1f}"
         if mode.pole.imag:
@@ -51,33 +94,8 @@ def lines(found: LinearResponse, where: str) -> Iterable[str]:
         named = ", ".join(
             f"{name} {100 * share:.0f} %" for name, share in mode.shares if share > 0.1
         )
-        yield f"{mode.frequency:8.2f} {mode.damping:8.2f} {pole:>16}  {named}"
-    for name in EXCITATIONS:
-        per, unit, units = UNITS[name]
-        yield from ("", f"{name}, {per}: gain and phase (°)")
-        heads = (f"{NAMES[key]} {u}" for key, u in zip(MEASURED, units, strict=True))
-        yield f"{'Hz':>6}" + "".join(f"{head:>18}" for head in heads)
-        columns = [
-            _scaled(response, unit, u)
-            for response, u in zip(found.plant[name].values(), units, strict=True)
-        ]
-        for i in range(0, FREQUENCIES.size, SHOWN_EVERY):
-            cells = (f"{gain[i]:12.4g}{phase[i]:6.0f}" for gain, phase in columns)
-            yield f"{FREQUENCIES[i]:6.2f}" + "".join(cells)
-    yield ""
-    yield from _distance_lines(found)
-
-
-def _distance_lines(found: LinearResponse) -> Iterable[str]:
-    distance = found.distance
-    if distance is None:
-        yield f"no design model at this trim: {found.why_not}"
-        return
-    yield f"distance to the design model, 0.1 to {FREQUENCIES[-1]:g} Hz, % of the plant's peak"
-    yield f"{'':>10}" + "".join(f"{name:>16}" for name in NAMES.values())
-    for excitation, row in distance.items():
-        cells = ("–" if value is None else f"{100 * value:.2f}" for value in row.values())
-        yield f"{excitation:>10}" + "".join(f"{cell:>16}" for cell in cells)
+        rows.append((f"{mode.frequency:.2f}", f"{mode.damping:.2f}", pole, named))
+    return rows
 
 
 def _rounded(value: float) -> str:
@@ -85,9 +103,7 @@ def _rounded(value: float) -> str:
     return f"{round(float(value), 2) + 0.0:.2f}"
 
 
-def _scaled(
-    response: NDArray[np.complex128], per: float, unit: str
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _scaled(response: NDArray[np.complex128], per: float, unit: str) -> tuple[Vector, Vector]:
     """Return gain in table units and phase in degrees; no phase without a response."""
     gain = np.abs(response) * per
     phase = np.degrees(np.unwrap(np.angle(response)))
