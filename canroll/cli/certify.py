@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import vehicles
 from canroll.cli.options import choices_of
-from canroll.errors import CanrollError, optional, reason
+from canroll.errors import CanrollError, optional, writing
+from canroll.report.staging import check_parent
 from canroll.setup.bus_frames import profile_of
 from canroll.setup.controller import COMMANDS
 from canroll.setup.delay import sample_to_force
@@ -53,16 +54,15 @@ def run(args: argparse.Namespace) -> int:
     from gain_gen.certificate.coverage import least_stable, shortfall  # noqa: PLC0415
 
     calibration = calibration_file.load(args.calibration)
+    path = None if args.json and args.out is None else _certificate(args.out, calibration)
     task = _task(args, calibration)
     found = certify(task, calibration)
     worst = least_stable(found.unproved, calibration, task.delay.most)[:MOST]
     missing = [shortfall(member, task, calibration, found.delay) for member in worst]
     text = json.dumps(found.content, indent=1, ensure_ascii=False)
-    path = None if args.json and args.out is None else args.out
-    if path is None and not args.json:
-        path = calibration.path.with_name(NAME)
     if path is not None:
-        _write(path, text)
+        with writing(path):
+            path.write_text(text + "\n", encoding="utf-8")
         text = path.read_text(encoding="utf-8")
     integers = {name: getattr(calibration.record, name) for name in found.content["integers"]}
     begin = perf_counter()
@@ -77,6 +77,15 @@ def run(args: argparse.Namespace) -> int:
         print(f"checked again from the file by checker.py in {took:.1f} s")
         print(f"written: {path}")
     return 0 if found.proved else 1
+
+
+def _certificate(out: Path | None, calibration: LoadedCalibration) -> Path:
+    """Return where the certificate goes: beside the calibration, in a folder, or a file."""
+    path = calibration.path.with_name(NAME) if out is None else out
+    path = path / NAME if path.is_dir() else path
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    return check_parent(path)
 
 
 def _task(args: argparse.Namespace, calibration: LoadedCalibration) -> Task:
@@ -263,11 +272,3 @@ def _number(text: str) -> float:
 def _up(value: float, digits: int) -> str:
     """Return a bound rounded up."""
     return f"{math.ceil(value * 10**digits) / 10**digits:.{digits}f}"
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise CanrollError(f"cannot write {path}: {reason(error)}") from error

@@ -31,6 +31,16 @@ def louder(calibration, path, shift):
     return path
 
 
+def test_where_nothing_can_be_written_is_said_before_anything_is_proved(
+    calibration, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr("gain_gen.certificate.certificate.certify", None)
+    (tmp_path / "file").touch()
+    for out in (tmp_path / "file" / "x.json", tmp_path / "file" / "x" / "y.json"):
+        assert cli.main(["certify", str(calibration), "--out", str(out)]) == 2
+        assert capsys.readouterr().err.startswith(f"canroll: cannot write {out}: ")
+
+
 @pytest.mark.slow
 def test_a_stable_loop_is_proved_and_its_file_checked(calibration, capsys):
     assert cli.main(["certify", str(calibration)]) == 0
