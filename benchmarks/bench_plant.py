@@ -14,7 +14,7 @@ import vehicles
 from plant_sim import bodies
 from plant_sim.bodies import ports
 from plant_sim.driving import maneuvers
-from plant_sim.driving.drive import STEP_NS
+from plant_sim.kernels.instants import STEP_NS
 from plant_sim.kernels.jit import njit
 from plant_sim.world import open_loop
 

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 import dbc
 from plant_sim import can_bus
 from plant_sim.can_bus.wire.frame import EXTENDED
+from plant_sim.kernels.instants import STEP_NS
 from plant_sim.nodes import authentication, codec, e2e
 from plant_sim.nodes.codec import MAX_PAYLOAD, Codec
 from plant_sim.nodes.sensors import PER_UNIT
 from plant_sim.world import fault_parts, frame_kernel
 from plant_sim.world.world import FRAME, World
-from plant_sim.world.world_kernel import EXTENDED_KEY, SENDER_STATE, STEP_NS, row_of
+from plant_sim.world.world_kernel import EXTENDED_KEY, SENDER_STATE, row_of
 
 NAMES = tuple(message.name for message in dbc.load().messages)
 """Messages of the contract, in the order of the codec's tables."""

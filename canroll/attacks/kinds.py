@@ -7,10 +7,10 @@ from typing import Concatenate, ParamSpec
 
 from canroll.attacks.attacker import Ear, Forge, Forged, Heard
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
+from plant_sim.kernels.instants import MS
 from plant_sim.nodes import authentication, codec
 from plant_sim.nodes.actuators import command_signals
 
-MS = 1_000_000
 START_NS = 2_000 * MS
 """The lane change is under way."""
 RESET_S, DOWN_S = 2.6, 0.2

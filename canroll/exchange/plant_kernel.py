@@ -11,17 +11,11 @@ import numpy as np
 from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.driving.driver import drive
+from plant_sim.kernels.instants import STEP_NS
 from plant_sim.nodes import actuator_kernel, codec, envelope, sensor_kernel
 from plant_sim.nodes.actuator_models import act
 from plant_sim.world import recording
-from plant_sim.world.world_kernel import (
-    FOR_ACTUATOR,
-    PLANT_NS,
-    SENDER_STATE,
-    STEP_NS,
-    row_of,
-    sense,
-)
+from plant_sim.world.world_kernel import FOR_ACTUATOR, PLANT_NS, SENDER_STATE, row_of, sense
 
 Plant = Any
 Payload = np.ndarray

@@ -31,6 +31,7 @@ from gain_gen.models.task import Delay
 from plant_sim.bodies import body
 from plant_sim.driving import MANEUVERS, maneuvers, tyre_limits
 from plant_sim.faults import parse_all
+from plant_sim.kernels.instants import STEP_NS
 from plant_sim.world.recording import EVERYTHING, NOTHING, Kept
 from plant_sim.world.spool import pieces
 from plant_sim.world.world import World
@@ -192,7 +193,7 @@ def _goes_on(
     settings: Settings, controller: PreparedController, controlled: Trace, cycle: LimitCycle
 ) -> bool:
     """Whether the oscillation of the controlled run goes on without noise and straight on."""
-    driven = max(1, round(cycle.established * 1e9) // maneuvers.STEP_NS)
+    driven = max(1, round(cycle.established * 1e9) // STEP_NS)
     straight = maneuvers.straightened(
         maneuver_of(settings),
         controlled.signals["steer"][:driven],

@@ -17,10 +17,10 @@ from canroll.runs.trace import TICK, Trace
 from canroll.setup.controller import PreparedController
 from firmware.state import SAFE
 from plant_sim import bodies, can_bus
+from plant_sim.kernels.instants import STEP_NS
 from plant_sim.world import open_loop
 from plant_sim.world.recording import Kept
 from plant_sim.world.spool import Rows
-from plant_sim.world.world_kernel import STEP_NS
 
 SIDE = np.dtype([(each.key, "?" if each.fact else "f8") for each in metrics.METRICS])
 """The metrics of a run."""

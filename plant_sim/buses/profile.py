@@ -16,8 +16,7 @@ from plant_sim.buses.topology import (
     check_segment,
     check_times,
 )
-
-_MS: Final = 1_000_000
+from plant_sim.kernels.instants import MS
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +69,7 @@ class BusProfile:
         )
         if self.gateway_ms is None:
             return Topology((one,))
-        low, high = (int(latency * _MS) for latency in self.gateway_ms)
+        low, high = (int(latency * MS) for latency in self.gateway_ms)
         return Topology(
             (replace(one, name="ecu"), replace(one, name="vehicle")),
             (BusGateway("gateway", (0, 1), TimeSpread(low, high)),),

@@ -9,11 +9,9 @@ import numpy as np
 from canroll.typing import Vector
 from plant_sim.driving import driver, path, preview
 from plant_sim.driving.driver import FOLLOW_PATH, DriveInputs
+from plant_sim.kernels.instants import STEP_NS
 from vehicles import Vehicle
 from vehicles.axles import Axle, axles
-
-STEP_NS = 1_000_000
-"""Time between two calls of the driver and two steps of the plant (ns)."""
 
 GRIP_USED = 0.85
 """Share of the tyres' peak that a driver goes up to."""

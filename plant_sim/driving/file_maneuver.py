@@ -8,9 +8,10 @@ from canroll.errors import CanrollError
 from canroll.typing import Vector
 from codegen.frame import units
 from plant_sim.driving import signal_file
-from plant_sim.driving.drive import STEP_NS, ManeuverKind, ManeuverPlan
+from plant_sim.driving.drive import ManeuverKind, ManeuverPlan
 from plant_sim.driving.driver import ACCELERATION_TABLE, STEER_TABLE
 from plant_sim.driving.signal_file import Signal
+from plant_sim.kernels.instants import STEP_NS
 from vehicles import Vehicle
 
 STEP = STEP_NS * 1e-9

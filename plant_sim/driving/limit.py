@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.driving.drive import STEP_NS, slip_limit
+from plant_sim.driving.drive import slip_limit
 from plant_sim.driving.standards import Signals, two_wheel_lift
+from plant_sim.kernels.instants import STEP_NS
 from vehicles import GRAVITY, Vehicle
 from vehicles.axles import Axle, axles
 

@@ -11,7 +11,7 @@ import numpy as np
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.typing import Vector
 from plant_sim.driving import MANEUVERS
-from plant_sim.driving.drive import STEP_NS, ManeuverKind, make_drive
+from plant_sim.driving.drive import ManeuverKind, make_drive
 from plant_sim.driving.driver import (
     ACCELERATION_TABLE,
     D_CHASSIS_CONTROL,
@@ -25,6 +25,7 @@ from plant_sim.driving.driver import (
     STEER_TABLE,
     DriveInputs,
 )
+from plant_sim.kernels.instants import STEP_NS
 from vehicles import Vehicle
 
 __all__ = [

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
+from plant_sim.kernels.instants import NEVER
 from plant_sim.kernels.jit import njit
 
 # Columns of a row; times in ns. EVERY 0: without interruption.
 TARGET, KIND, START, END, RAMP, EVERY, LASTING, N_SCHEDULE = range(8)
-NEVER = 2**62
 NO_TARGET = -1
 
 

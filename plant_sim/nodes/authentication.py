@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.kernels.instants import NEVER
 from plant_sim.kernels.jit import njit
 from plant_sim.nodes import e2e
 from plant_sim.nodes.codec import Codec
@@ -22,7 +23,6 @@ WINDOW = 127
 """A frame of a later start is taken if that is at most so many starts ahead."""
 LISTENING_NS = 160_000_000
 """Time after a start for which no frame is taken: the longest between two commands."""
-NEVER = 1 << 62
 STARTS_MAX = 16
 
 # Slots of Authentication.flag.

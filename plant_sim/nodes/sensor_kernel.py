@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from plant_sim.bodies import ports
 from plant_sim.kernels import schedule
+from plant_sim.kernels.instants import STEP_NS
 from plant_sim.kernels.jit import njit
 from plant_sim.kernels.random import uniform
 from plant_sim.nodes import codec, e2e
@@ -75,9 +76,7 @@ DROPOUT, FROZEN, FROZEN_COUNTER, DOWN, CLOCK_DRIFT = range(8, 13)
 FAULTS = 32
 HISTORY = 256
 
-NEVER = 1 << 62
 STEP = 1e-3
-STEP_NS = 1_000_000
 
 
 class SensorTables(NamedTuple):

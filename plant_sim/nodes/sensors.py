@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.can_bus.network import own_frames
 from plant_sim.kernels import schedule
+from plant_sim.kernels.instants import NEVER
 from plant_sim.kernels.schedule import ScheduledFault
 from plant_sim.nodes import codec, sensor_kernel
 from plant_sim.nodes.codec import Codec
@@ -257,7 +258,7 @@ def _add_further(
         drawn = 0 if options.synchronous else int(draws.integers(period))
         leads = tables.message[index, codec.LEADER] == index
         node[free, [sensor_kernel.MESSAGE, sensor_kernel.PERIOD]] = index, period
-        node[free, sensor_kernel.NEXT] = drawn if leads else sensor_kernel.NEVER
+        node[free, sensor_kernel.NEXT] = drawn if leads else NEVER
         free += 1
 
 
@@ -280,7 +281,7 @@ def build(
     signals: list[int] = []
     rows = len(NODES) + own_frames.FURTHER_FRAMES
     node = np.zeros((rows, sensor_kernel.N_NODE_COLUMNS), dtype=np.int64)
-    node[:, sensor_kernel.NEXT] = sensor_kernel.NEVER
+    node[:, sensor_kernel.NEXT] = NEVER
     node[:, sensor_kernel.MESSAGE] = -1
     for number, (message, names) in enumerate(_SIGNALS):
         row = node[number]
@@ -301,7 +302,7 @@ def build(
             round(options.phases[message] * 1e9) if message in options.phases else drawn
         )
         if not tables.message[index, codec.LENGTH] or tables.message[index, codec.LEADER] != index:
-            row[sensor_kernel.NEXT] = sensor_kernel.NEVER
+            row[sensor_kernel.NEXT] = NEVER
         row[sensor_kernel.SAMPLE_SIGNAL] = codec.signal_index(message, "SampleCounter")
         for name, member in zip(names, members, strict=True):
             signals.append(codec.signal_index(message, name))

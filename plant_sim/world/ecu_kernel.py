@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from plant_sim import can_bus as bus
 from plant_sim.bodies import ports
+from plant_sim.kernels.instants import STEP_NS
 from plant_sim.kernels.jit import borrowed, function_at, njit
 from plant_sim.nodes.codec import MAX_PAYLOAD
-from plant_sim.world.world_kernel import OUTBOX, ROWS, STEP_NS, LoopMemory, Parts, advance
+from plant_sim.world.world_kernel import OUTBOX, ROWS, LoopMemory, Parts, advance
 
 MAILBOXES = 256
 """Room for the mailboxes of either direction."""

@@ -12,6 +12,7 @@ from plant_sim.can_bus.wire.frame import INTERFRAME_BITS
 from plant_sim.faults import Fault, kinds
 from plant_sim.faults.effects import power_losses
 from plant_sim.kernels import schedule
+from plant_sim.kernels.instants import NEVER
 from plant_sim.nodes import codec, sensor_kernel
 from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.sensor_kernel import SensorTables
@@ -121,7 +122,7 @@ def _flood(network: can_bus.Network, node: int, fault: Fault) -> None:
 
 
 def _ns(time: float) -> int:
-    return round(time * 1e9) if np.isfinite(time) else schedule.NEVER
+    return round(time * 1e9) if np.isfinite(time) else NEVER
 
 
 def frames(

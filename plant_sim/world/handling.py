@@ -11,9 +11,10 @@ from canroll.errors import CanrollError, VerdictError
 from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.bodies.ports import Body
-from plant_sim.driving.drive import STEP_NS, ManeuverPlan, make_drive, steady_steer
+from plant_sim.driving.drive import ManeuverPlan, make_drive, steady_steer
 from plant_sim.driving.driver import STEER_TABLE
 from plant_sim.driving.maneuvers import Maneuver, build
+from plant_sim.kernels.instants import STEP_NS
 from plant_sim.world.open_loop import run_passive
 from vehicles import GRAVITY, Vehicle
 

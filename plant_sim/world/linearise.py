@@ -17,7 +17,7 @@ from canroll.errors import CanrollError
 from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.bodies.ports import Body, initial_inputs
-from plant_sim.driving.drive import STEP_NS
+from plant_sim.kernels.instants import STEP_NS
 from plant_sim.nodes.imu_motion import FORCE, N_MOTION, specific_motion
 from plant_sim.world.open_loop import advance
 from vehicles import Vehicle

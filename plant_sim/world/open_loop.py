@@ -10,10 +10,10 @@ from canroll.errors import CanrollError
 from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.bodies.ports import Body, initial_inputs
-from plant_sim.driving.drive import STEP_NS
 from plant_sim.driving.driver import ACCELERATION_TABLE, DriveInputs, uncounted
 from plant_sim.driving.driver import drive as apply_drive
 from plant_sim.driving.maneuvers import Maneuver
+from plant_sim.kernels.instants import STEP_NS
 from plant_sim.kernels.jit import borrowed, njit
 from plant_sim.world import recording
 from vehicles import Vehicle

@@ -15,7 +15,7 @@ from canroll.errors import CanrollError
 from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.bodies.ports import Body
-from plant_sim.driving.drive import STEP_NS
+from plant_sim.kernels.instants import STEP_NS
 from plant_sim.kernels.jit import njit
 
 STEP = STEP_NS * 1e-9

@@ -18,6 +18,7 @@ from plant_sim.bodies import body as body_named
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.faults import Fault
 from plant_sim.faults.effects import with_faults
+from plant_sim.kernels.instants import STEP_NS
 from plant_sim.kernels.jit import compiling, is_cached
 from plant_sim.kernels.records import entry, type_of
 from plant_sim.nodes import authentication
@@ -36,7 +37,6 @@ from plant_sim.world.world_kernel import (
     FRAME,
     OUTBOX,
     ROWS,
-    STEP_NS,
     Parts,
     advance,
     second_half,

@@ -14,6 +14,7 @@ from plant_sim import can_bus as bus
 from plant_sim.bodies import ports
 from plant_sim.can_bus.wire.frame import ERROR_STATE, EXTENDED, RECESSIVE_INDICATOR
 from plant_sim.driving.driver import DriveInputs, drive, uncounted
+from plant_sim.kernels.instants import STEP_NS
 from plant_sim.kernels.jit import borrowed, njit, step_at
 from plant_sim.nodes import actuator_kernel, authentication, codec, envelope, sensor_kernel
 from plant_sim.nodes.actuator_kernel import ActuatorNode
@@ -23,8 +24,6 @@ from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.sensor_kernel import SensorTables
 from plant_sim.world import frame_kernel, recording
 from plant_sim.world.frame_kernel import FrameFaults
-
-STEP_NS = 1_000_000
 
 FRAME = np.dtype(
     [

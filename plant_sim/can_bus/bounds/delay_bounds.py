@@ -15,9 +15,10 @@ from plant_sim.buses.profile import BusProfile
 from plant_sim.buses.topology import NODES, Topology
 from plant_sim.can_bus.bounds.analysis import ErrorModel, ResponseBound
 from plant_sim.can_bus.bounds.holistic import HolisticArrival, arrivals
-from plant_sim.can_bus.network.own_frames import DEFAULT_COMMAND, MS, own_messages
+from plant_sim.can_bus.network.own_frames import DEFAULT_COMMAND, own_messages
 from plant_sim.can_bus.network.profiles import routed_messages
 from plant_sim.can_bus.network.routing import RoutedMessage, RoutedNetwork
+from plant_sim.kernels.instants import MS
 
 _NS: Final = 1e-9
 

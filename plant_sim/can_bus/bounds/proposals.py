@@ -10,8 +10,8 @@ from plant_sim.can_bus.bounds.analysis import ResponseBound
 from plant_sim.can_bus.bounds.sensitivity import Bounds, late
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import EXTENDED
+from plant_sim.kernels.instants import MS
 
-MS: Final = 1_000_000
 _GRAIN_NS: Final = MS // 2
 """Offsets are multiples of this, ns."""
 _HORIZON: Final = 2000

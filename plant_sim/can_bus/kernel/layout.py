@@ -91,8 +91,6 @@ WAITING: Final = 16
 DISTANT: Final = 17
 SAMPLES: Final = 18
 
-NEVER: Final = 2**62
-"""A time that never comes."""
 
 # room in every network; one layout for all, so that the kernels are compiled once
 MAX_SEGMENTS: Final = 8

@@ -12,6 +12,7 @@ from plant_sim.can_bus.kernel import layout
 from plant_sim.can_bus.kernel.layout import Network, Records
 from plant_sim.can_bus.kernel.sources import start_source
 from plant_sim.can_bus.wire.frame import EXTENDED, FD, arbitration_key
+from plant_sim.kernels.instants import NEVER
 
 POLICIES: Final = {"priority": layout.PRIORITY, "fifo": layout.FIFO, "replace": layout.REPLACE}
 DISTRIBUTIONS: Final = {
@@ -30,7 +31,6 @@ FAULTS: Final = {
     "node_mute": layout.NODE_MUTE,
     "bit_errors": layout.BIT_ERRORS,
 }
-NEVER: Final = layout.NEVER
 MAX_CAPACITY: Final = layout.MAX_FRAMES
 MAX_BITRATE: Final = 1_000_000
 MAX_DATA_BITRATE: Final = 8_000_000

@@ -38,7 +38,6 @@ from plant_sim.can_bus.kernel.layout import (
     LOST_NODE_DOWN,
     LOST_ONE_SHOT,
     MAX_NODES,
-    NEVER,
     NO_ERROR,
     NODE_DOWN,
     NOW,
@@ -68,6 +67,7 @@ from plant_sim.can_bus.wire.frame import (
     duration_ns,
     frame_bits,
 )
+from plant_sim.kernels.instants import NEVER
 from plant_sim.kernels.jit import njit
 
 _END, _RELEASE, _ARBITRATION = 0, 1, 2

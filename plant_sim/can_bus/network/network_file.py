@@ -23,6 +23,7 @@ from plant_sim.buses.topology import (
     check_times,
 )
 from plant_sim.can_bus.traffic.files import DATABASES, load_traffic
+from plant_sim.kernels.instants import MS
 
 _Kind: TypeAlias = type | tuple[type, ...]
 _OF_A_SEGMENT: Final = {
@@ -54,7 +55,6 @@ _NAMES: Final[dict[_Kind, str]] = {
     object: "a time",
 }
 _DEFAULT_LOAD: Final = 0.5
-_MS: Final = 1_000_000
 
 
 def load_profile(
@@ -287,7 +287,7 @@ def _spread(given: object, path: Path, where: str, *, at_least: float | None) ->
         )
     low = exact[0] if len(exact) == 2 or at_least is None else at_least
     check_times(where, low, exact[-1])
-    return TimeSpread(round(low * _MS), round(exact[-1] * _MS))
+    return TimeSpread(round(low * MS), round(exact[-1] * MS))
 
 
 def _samples(path: Path, where: str) -> tuple[int, ...]:
@@ -306,7 +306,7 @@ def _samples(path: Path, where: str) -> tuple[int, ...]:
                 continue
             raise CanrollError(f"{path}:{number}: {text!r} is not a time in ms") from error
         check_times(f"{path}:{number}", time, time)
-        found.append(round(time * _MS))
+        found.append(round(time * MS))
     if not found:
         raise CanrollError(f"{path}: contains no time")
     return tuple(found)

@@ -23,8 +23,8 @@ from plant_sim.can_bus.wire.frame import (
     best_case_bits,
     transmission_ns,
 )
+from plant_sim.kernels.instants import MS
 
-MS: Final = 1_000_000
 DEFAULT_COMMAND: Final = "SuspensionForceCommand"
 CONTRACT_MAP: Final = dbc.PATH.with_suffix(".toml")
 NEEDED: Final = ("imu",)

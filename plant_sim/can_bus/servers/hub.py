@@ -22,7 +22,6 @@ from plant_sim.can_bus.kernel.layout import (
     FREE_FRAME,
     LOGGED,
     MAX_PAYLOAD,
-    NEVER,
     NOW,
     REFUSED,
     RELEASES,
@@ -32,6 +31,7 @@ from plant_sim.can_bus.kernel.network import POLICIES, Node, add_node
 from plant_sim.can_bus.kernel.queues import enqueue
 from plant_sim.can_bus.kernel.scheduler import advance, advance_to_entry, next_event_ns
 from plant_sim.can_bus.wire.frame import ERROR_FLAG, ERROR_FRAME_BITS, ERROR_STATE, FD
+from plant_sim.kernels.instants import NEVER
 
 RECEIVE_QUEUE: Final = 1 << 16
 TRANSMIT_QUEUE: Final = 256

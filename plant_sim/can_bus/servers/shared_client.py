@@ -17,7 +17,6 @@ from typing import Any, Final
 
 import can
 
-from plant_sim.can_bus.kernel.layout import NEVER
 from plant_sim.can_bus.servers.frames import message_of, sent_flags, truth
 from plant_sim.can_bus.servers.hub import TRANSMIT_QUEUE, PortFrame
 from plant_sim.can_bus.servers.shared_protocol import (
@@ -30,6 +29,7 @@ from plant_sim.can_bus.servers.shared_protocol import (
     send_line,
     send_question,
 )
+from plant_sim.kernels.instants import NEVER
 
 _RETRY_S: Final = 0.1
 

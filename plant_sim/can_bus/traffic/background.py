@@ -10,9 +10,9 @@ import numpy as np
 from canroll.errors import CanrollError
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import EXTENDED, frame_bits, transmission_ns
+from plant_sim.kernels.instants import MS
 from plant_sim.kernels.random import random_bits
 
-MS: Final = 1_000_000
 PERIODS_ABOVE_MS: Final = (10, 10, 20)
 PERIODS_BELOW_MS: Final = (20, 50, 100)
 """Periods of the generated messages, in turn: urgent messages are the frequent ones."""

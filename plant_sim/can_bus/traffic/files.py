@@ -24,8 +24,8 @@ from plant_sim.buses import LOGS
 from plant_sim.can_bus.kernel.network import check_frame, check_rates
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
+from plant_sim.kernels.instants import MS
 
-MS: Final = 1_000_000
 DEFAULT_BITRATE: Final = 500_000
 CLASSIC: Final = 8
 """Most bytes of a classic frame."""

@@ -11,6 +11,7 @@ import dbc
 import vehicles
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.bodies import ports
+from plant_sim.kernels.instants import NEVER
 from plant_sim.kernels.schedule import ScheduledFault
 from plant_sim.nodes import codec, sensor_kernel
 from plant_sim.nodes import sensors as sensor_setup
@@ -340,7 +341,7 @@ def test_periods_are_those_of_the_dbc():
     for row, name in zip(nodes, sensor_setup.NODES, strict=False):
         cycle = dbc.load().get_message_by_name(name).cycle_time
         assert row[sensor_kernel.PERIOD] == cycle * 1_000_000
-    assert (nodes[len(sensor_setup.NODES) :, sensor_kernel.NEXT] == sensor_kernel.NEVER).all()
+    assert (nodes[len(sensor_setup.NODES) :, sensor_kernel.NEXT] == NEVER).all()
 
 
 def test_misalignment_and_arm_are_felt():

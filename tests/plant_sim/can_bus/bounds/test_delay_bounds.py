@@ -24,9 +24,10 @@ from plant_sim.can_bus import (
 )
 from plant_sim.can_bus.bounds.analysis import response_bounds
 from plant_sim.can_bus.bounds.delay_bounds import delay_bounds, message_paths
-from plant_sim.can_bus.network.own_frames import MS, own_messages
+from plant_sim.can_bus.network.own_frames import own_messages
 from plant_sim.can_bus.network.profiles import background_of
 from plant_sim.can_bus.simulation.ages import BusLoop, simulate_ages
+from plant_sim.kernels.instants import MS
 
 FRAMES = {m.name: m.frame_id for m in dbc.load().messages}
 OWN = {m.name: m for m in own_messages()}

@@ -18,10 +18,11 @@ from plant_sim.can_bus import (
 )
 from plant_sim.can_bus.bounds.holistic import arrivals
 from plant_sim.can_bus.network.network_spec import network_spec
-from plant_sim.can_bus.network.own_frames import MS, own_messages
+from plant_sim.can_bus.network.own_frames import own_messages
 from plant_sim.can_bus.network.profiles import routed_messages
 from plant_sim.can_bus.network.routing import Hop, RoutedMessage, RoutedNetwork, route
 from plant_sim.can_bus.traffic.messages import BusMessage
+from plant_sim.kernels.instants import MS
 
 LINE = Topology(
     segments=(
