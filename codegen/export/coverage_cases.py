@@ -8,7 +8,7 @@ no case reaches is in :data:`UNREACHED`, with the reason.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 
 import numpy as np
 
@@ -363,10 +363,13 @@ def _changed(seed: int, **changes: object) -> Calibration:
     return memory_image.sealed(record)
 
 
-@lru_cache(maxsize=4)
 def general(firmware: BusFirmware) -> str:
-    """Return the cases of a firmware for all calibrations; see :func:`source`."""
-    return source(firmware, list(cases(firmware.bus)))
+    """Return the cases of a firmware for all calibrations, kept on disk; see :func:`source`."""
+    made = firmware.kept(
+        f"coverage cases of {firmware.bus!r}",
+        lambda: {"text": source(firmware, list(cases(firmware.bus)))},
+    )
+    return made["text"]
 
 
 def source(firmware: BusFirmware, chosen: Sequence[Case]) -> str:
