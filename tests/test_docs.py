@@ -37,7 +37,7 @@ def build(*arguments):
     return done.returncode, done.stdout + done.stderr
 
 
-def test_readme_shows_what_its_commands_print():
+def test_readme_shows_what_its_commands_print(one_server):
     code, text = build("--check", "--quick", ROOT / "README.md")
     assert code == 0, text
 

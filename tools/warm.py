@@ -63,11 +63,11 @@ def served() -> Iterator[Path]:
 
 def serve(number: int) -> int:
     """Fork for each command that comes to a socket; return, in its process, its exit code."""
-    # here alone: who is served does not need what canroll needs
-    from canroll.cli import commands, main  # noqa: PLC0415
+    # here alone: whoever is served does not need what canroll needs
+    main, commands = map(resolve_name, ("canroll.cli.main:main", "canroll.cli.commands"))
 
     with contextlib.redirect_stdout(io.StringIO()), tempfile.TemporaryDirectory() as folder:
-        main.main([*WARM, folder])
+        main([*WARM, folder])
     for name in commands.COMMANDS:
         resolve_name(commands.handler(name))
     listener = socket.socket(fileno=number)
@@ -82,7 +82,7 @@ def serve(number: int) -> int:
     listener.close()
     _receive(client)
     try:
-        code = main.main()
+        code = main()
     except SystemExit as ended:
         code = int(ended.code or 0)
     for text in (sys.stdout, sys.stderr):
