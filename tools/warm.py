@@ -82,7 +82,7 @@ def serve(number: int) -> int:
     listener.close()
     _receive(client)
     try:
-        code = main()
+        code: int = main()
     except SystemExit as ended:
         code = int(ended.code or 0)
     for text in (sys.stdout, sys.stderr):

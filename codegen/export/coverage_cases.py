@@ -6,7 +6,7 @@ calibration, frames, ticks, and what the reference gave: the rule of ``init`` an
 no case reaches is in :data:`UNREACHED`, with the reason.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -364,12 +364,20 @@ def _changed(seed: int, **changes: object) -> Calibration:
 
 
 def general(firmware: BusFirmware) -> str:
-    """Return the cases of a firmware for all calibrations, kept on disk; see :func:`source`."""
-    made = firmware.kept(
-        f"coverage cases of {firmware.bus!r}",
-        lambda: {"text": source(firmware, list(cases(firmware.bus)))},
-    )
-    return made["text"]
+    """Return the cases of a firmware for all calibrations; see :func:`source`."""
+    return _kept(firmware, "all calibrations", lambda: cases(firmware.bus))
+
+
+def special(firmware: BusFirmware, record: Calibration) -> str:
+    """Return those of :func:`cases_of` a calibration, as ``firmware``, the general one, answers."""
+    one = memory_image.image(record).hex()
+    return _kept(firmware, f"the calibration {one}", lambda: cases_of(record, firmware.bus))
+
+
+def _kept(firmware: BusFirmware, of: str, chosen: Callable[[], Iterable[Case]]) -> str:
+    """The cases as text: running them takes seconds, so it is kept on disk."""
+    what = f"coverage cases of {of} on {firmware.bus!r}"
+    return firmware.kept(what, lambda: {"text": source(firmware, list(chosen()))})["text"]
 
 
 def source(firmware: BusFirmware, chosen: Sequence[Case]) -> str:
