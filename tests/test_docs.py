@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from canroll.cli import main as cli
+from tools.warm import served
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs").glob("*.md"))
@@ -16,6 +17,13 @@ WRITTEN += sorted((ROOT / "docs" / "decisions").glob("*.md"))
 """All pages, those too that show no output of commands."""
 IN_PROCESS = {"commands.md"}
 """Pages whose parts another test holds against their source, without a process for each."""
+
+
+@pytest.fixture(scope="module")
+def one_server():
+    """The commands of all pages are forked from one process."""
+    with served():
+        yield
 
 
 def build(*arguments):
@@ -29,7 +37,7 @@ def build(*arguments):
     return done.returncode, done.stdout + done.stderr
 
 
-def test_readme_shows_what_its_commands_print():
+def test_readme_shows_what_its_commands_print(one_server):
     code, text = build("--check", "--quick", ROOT / "README.md")
     assert code == 0, text
 
@@ -38,7 +46,7 @@ def test_readme_shows_what_its_commands_print():
 @pytest.mark.parametrize(
     "page", [p for p in PAGES if p.name not in IN_PROCESS], ids=lambda p: p.name
 )
-def test_page_shows_what_its_quick_commands_print(page):
+def test_page_shows_what_its_quick_commands_print(page, one_server):
     code, text = build("--check", "--quick", page)
     assert code == 0, text
 

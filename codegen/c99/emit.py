@@ -42,6 +42,7 @@ from codegen.subset.program import (
     Record,
     calls,
 )
+from codegen.subset.walk import walk
 
 # the gains header carries the calibration's type too, so that it compiles alone
 CALIBRATION_GUARD = "CANROLL_CALIBRATION_TYPE"
@@ -249,11 +250,11 @@ class Emitter:
         # a size is a literal in C
         sizes = {
             call.args[0]
-            for call in ast.walk(function.node)
+            for call in walk(function.node)
             if isinstance(call, ast.Call)
             and self.program.intrinsic(module, call.func) == "bytes_of"
         }
-        used = {n.id for n in ast.walk(function.node) if isinstance(n, ast.Name) and n not in sizes}
+        used = {n.id for n in walk(function.node) if isinstance(n, ast.Name) and n not in sizes}
         lines += [f"    (void){name};" for name in function.parameters if name not in used]
         lines += body.lines()
         return [*lines, "}", ""]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from codegen.proof.prove import entry_points
 from codegen.subset.program import Constant, Function, Module, Program, calls
+from codegen.subset.walk import walk
 
 PUBLIC_NUMBERS = "frames"
 """Module whose constants the users of the entry points need."""
@@ -102,7 +103,7 @@ def _users(program: Program, reachable: frozenset[Key]) -> dict[Key, set[Key]]:
         if function.key not in reachable:
             continue
         module = program.modules[function.module]
-        for node in ast.walk(function.node):
+        for node in walk(function.node):
             if isinstance(node, ast.Name | ast.Attribute):
                 constant = program.constant(module, node)
                 if constant is not None and constant.type.shape:
@@ -125,7 +126,7 @@ def _shared(program: Program, public: dict[Key, str], reachable: frozenset[Key])
     found = set(public)
     for module in program.modules.values():
         bodies: list[ast.stmt] = [f.node for f in module.functions.values() if f.key in reachable]
-        for node in ast.walk(ast.Module(bodies, [])):
+        for node in walk(ast.Module(bodies, [])):
             if isinstance(node, ast.Name | ast.Attribute):
                 found |= _foreign(program, module, node)
         if module.records or module.name == PUBLIC_NUMBERS:
@@ -152,7 +153,7 @@ def _passed_on(
     while grown:
         before = len(found)
         for function in program.functions():
-            for node in ast.walk(function.node):
+            for node in walk(function.node):
                 if isinstance(node, ast.Call):
                     found |= _arguments(program, function, node, found, begins)
         grown = len(found) > before

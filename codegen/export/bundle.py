@@ -166,8 +166,7 @@ def _tests(export: Export, code: Code) -> dict[str, str]:
     """The sessions that the bundle tests itself by, and the comparison of its codec."""
     record, services, bus = export.record, export.services, code.general.bus
     if export.specialised:
-        own = list(coverage_cases.cases_of(record, bus))
-        cases = coverage_cases.source(code.general, own)
+        cases = coverage_cases.special(code.general, record)
     else:
         cases = coverage_cases.general(code.general)
     texts = {

@@ -6,9 +6,9 @@ calibration, frames, ticks, and what the reference gave: the rule of ``init`` an
 no case reaches is in :data:`UNREACHED`, with the reason.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 
 import numpy as np
 
@@ -363,10 +363,21 @@ def _changed(seed: int, **changes: object) -> Calibration:
     return memory_image.sealed(record)
 
 
-@lru_cache(maxsize=4)
 def general(firmware: BusFirmware) -> str:
     """Return the cases of a firmware for all calibrations; see :func:`source`."""
-    return source(firmware, list(cases(firmware.bus)))
+    return _kept(firmware, "all calibrations", lambda: cases(firmware.bus))
+
+
+def special(firmware: BusFirmware, record: Calibration) -> str:
+    """Return those of :func:`cases_of` a calibration, as ``firmware``, the general one, answers."""
+    one = memory_image.image(record).hex()
+    return _kept(firmware, f"the calibration {one}", lambda: cases_of(record, firmware.bus))
+
+
+def _kept(firmware: BusFirmware, of: str, chosen: Callable[[], Iterable[Case]]) -> str:
+    """The cases as text: running them takes seconds, so it is kept on disk."""
+    what = f"coverage cases of {of} on {firmware.bus!r}"
+    return firmware.kept(what, lambda: {"text": source(firmware, list(chosen()))})["text"]
 
 
 def source(firmware: BusFirmware, chosen: Sequence[Case]) -> str:

@@ -119,7 +119,7 @@ def defined(text: str, name: str) -> int:
 def page(firmware: BusFirmware) -> str:
     """Return the table of a bundle as Markdown."""
     asked = FILE.read_text(encoding="utf-8")
-    return firmware.kept(asked, lambda: _made(firmware))
+    return firmware.kept(asked, lambda: {"text": _made(firmware)})["text"]
 
 
 def _made(firmware: BusFirmware) -> str:

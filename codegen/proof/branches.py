@@ -8,6 +8,7 @@ from codegen.proof.expressions import Expressions
 from codegen.proof.intervals import Value
 from codegen.proof.relations import NEGATED, SWAPPED, narrow
 from codegen.subset.program import Function
+from codegen.subset.walk import walk
 
 
 class Conditions(Expressions):
@@ -96,7 +97,7 @@ class Conditions(Expressions):
 
     def _writes(self, node: ast.expr) -> bool:
         """Whether a call in ``node`` may write, so that what was read before it may be stale."""
-        calls = [inner for inner in ast.walk(node) if isinstance(inner, ast.Call)]
+        calls = [inner for inner in walk(node) if isinstance(inner, ast.Call)]
         called = [self.program.function(self.module, call.func) for call in calls]
         return any(each is not None and each.key in self.writers for each in called)
 

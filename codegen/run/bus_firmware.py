@@ -86,9 +86,9 @@ class BusFirmware:
             return emit.firmware()
         return kept.translation(self._parts, self._translated)
 
-    def kept(self, what: str, make: Callable[[], str]) -> str:
-        """Return a text that ``make`` makes of the firmware and ``what`` alone, or made before."""
-        return kept.translation((what, *self._parts), lambda: {"text": make()})["text"]
+    def kept(self, what: str, make: Callable[[], dict[str, str]]) -> dict[str, str]:
+        """Return texts that ``make`` makes of the firmware and ``what`` alone, or made before."""
+        return kept.translation((what, *self._parts), make)
 
     @property
     def _parts(self) -> tuple[object, ...]:

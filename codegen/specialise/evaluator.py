@@ -27,6 +27,7 @@ from codegen.specialise.places import (
 from codegen.specialise.tidy import tidied
 from codegen.subset.effects import assigned
 from codegen.subset.program import CONST_RECORD, Function, Program, Type
+from codegen.subset.walk import walk
 
 Key = tuple[tuple[str, str], tuple[str, ...]]
 
@@ -62,7 +63,7 @@ class Evaluator(Expressions):
             scope.values[name] = given if given is not None else ast.Name(name)
         body, _ = self._block(_statements(function.node), scope)
         body = tidied(body)
-        used = {n.id for s in body for n in ast.walk(s) if isinstance(n, ast.Name)}
+        used = {n.id for s in body for n in walk(s) if isinstance(n, ast.Name)}
         records = tuple(name for name in RECORDS.values() if name in used)
         kept = tuple(
             i
@@ -193,7 +194,7 @@ class Evaluator(Expressions):
                 return unrolled
         inside = {
             target.id
-            for inner in ast.walk(node)
+            for inner in walk(node)
             for target in (
                 inner.targets
                 if isinstance(inner, ast.Assign)
@@ -219,7 +220,7 @@ class Evaluator(Expressions):
         """The loop unrolled, or None where that does not stay small."""
         trial = scope.trial()
         body, goes_on = self._unrolled(node.body, name, turns, trial)
-        if sum(1 for statement in tidied(body) for _ in ast.walk(statement)) > ROOM:
+        if sum(1 for statement in tidied(body) for _ in walk(statement)) > ROOM:
             return None
         scope.adopt(trial)
         return body, goes_on

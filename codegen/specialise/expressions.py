@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from codegen.specialise import fold
 from codegen.specialise.places import Places, Scope, fixed
 from codegen.subset.program import MEMORY, Function
+from codegen.subset.walk import walk
 
 
 @dataclass(slots=True)
@@ -120,7 +121,7 @@ class Expressions(Places):
         assert copy.expression is not None
         names = [list(function.parameters)[i] for i in copy.parameters]
         given = dict(zip(names, arguments[len(copy.records) :], strict=True))
-        uses = [n.id for n in ast.walk(copy.expression) if isinstance(n, ast.Name)]
+        uses = [n.id for n in walk(copy.expression) if isinstance(n, ast.Name)]
         for name, argument in given.items():
             simple = isinstance(argument, ast.Name) or fixed(argument)
             if not simple and (uses.count(name) > 1 or not fold.pure(argument)):

@@ -21,6 +21,7 @@ from codegen.specialise.evaluator import Evaluator, steady
 from codegen.specialise.expressions import Copy
 from codegen.specialise.places import Element
 from codegen.subset.program import FIRMWARE, KINDS, Const, Program, Type
+from codegen.subset.walk import walk
 from firmware.calibration import Calibration
 from firmware.subset import fields
 
@@ -62,6 +63,14 @@ def _specialised(firmware: BusFirmware, data: bytes) -> BusFirmware:
     rule = firmware.loop.init(started, record)
     if rule:
         raise refused(rule)
+    modules = firmware.kept(
+        f"loop of the calibration {data.hex()}", lambda: _modules(firmware, record, started)
+    )
+    return replace(firmware, modules=modules)
+
+
+def _modules(firmware: BusFirmware, record: Calibration, started: object) -> dict[str, str]:
+    """The modules of the specialised firmware that differ from those checked in, proved."""
     # what is beside the loop has records of its own, of which the calibration says nothing
     loop = replace(firmware, services=())
     functions, tables = _loop(loop.program(), record, dict(_elements(started)))
@@ -75,7 +84,7 @@ def _specialised(firmware: BusFirmware, data: bytes) -> BusFirmware:
     findings = prove(result.program()).findings
     if findings:
         raise CanrollError(f"the specialised firmware is not proved to be safe: {findings[0]}")
-    return result
+    return modules
 
 
 def _loop(
@@ -102,7 +111,7 @@ def _merged(copies: Iterable[Copy], entries: Sequence[str]) -> list[ast.Function
     functions: dict[str, ast.FunctionDef] = {}
     for copy in copies:
         node = copy.node
-        for inner in ast.walk(node):
+        for inner in walk(node):
             if isinstance(inner, ast.Name):
                 inner.id = names.get(inner.id, inner.id)
         head = ast.unparse(ast.fix_missing_locations(node.args))
@@ -115,14 +124,14 @@ def _merged(copies: Iterable[Copy], entries: Sequence[str]) -> list[ast.Function
         name = todo.pop()
         if name in functions and name not in needed:
             needed.add(name)
-            todo += [n.id for n in ast.walk(functions[name]) if isinstance(n, ast.Name)]
+            todo += [n.id for n in walk(functions[name]) if isinstance(n, ast.Name)]
     return [node for name, node in functions.items() if name in needed]
 
 
 def _source(record: Calibration, functions: list[ast.FunctionDef], tables: Tables) -> str:
     """The module of the loop."""
     bodies = "\n\n\n".join(ast.unparse(ast.fix_missing_locations(f)) for f in functions)
-    words = {n.id for f in functions for n in ast.walk(f) if isinstance(n, ast.Name)}
+    words = {n.id for f in functions for n in walk(f) if isinstance(n, ast.Name)}
     needed = {name: tables[name] for name in sorted(tables) if name in words}
     text = "\n".join(_table(name, *table) for name, table in needed.items())
     kinds = {its.kind for its, _ in needed.values()}

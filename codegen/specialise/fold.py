@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 
 from codegen.proof.relations import NEGATED
 from codegen.subset.program import OPERATIONS
+from codegen.subset.walk import walk
 from firmware import subset
 
 Number = ast.expr
@@ -50,7 +51,7 @@ def pure(node: ast.AST) -> bool:
     return not any(
         isinstance(inner, ast.Call)
         and not (isinstance(inner.func, ast.Name) and inner.func.id in READERS)
-        for inner in ast.walk(node)
+        for inner in walk(node)
     )
 
 

@@ -20,6 +20,7 @@ from codegen.subset.program import (
     Type,
     evaluate,
 )
+from codegen.subset.walk import walk
 
 Element = tuple[str, tuple[int, ...]]
 
@@ -113,10 +114,7 @@ class Places(ABC):
     def __post_init__(self) -> None:
         self.writers = writers(self.program)
         names = {
-            n.id
-            for f in self.program.functions()
-            for n in ast.walk(f.node)
-            if isinstance(n, ast.Name)
+            n.id for f in self.program.functions() for n in walk(f.node) if isinstance(n, ast.Name)
         }
         names |= {name for f in self.program.functions() for name in f.parameters}
         self.reserved = frozenset(names)

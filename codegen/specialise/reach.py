@@ -17,6 +17,7 @@ from codegen.specialise import fold
 from codegen.specialise.places import STATE_RECORD
 from codegen.specialise.tidy import tidied
 from codegen.subset.program import BITS_31, KINDS, MEMORY, Program
+from codegen.subset.walk import walk
 
 Ways = Mapping[int, tuple[bool, bool]]
 """By a condition's node: whether it is ever true, ever false."""
@@ -29,7 +30,7 @@ class Reached(Interpreter):
         super().__init__(program, proof=True)
         self.ways: dict[int, tuple[bool, bool]] = {}
         # what is known of a node goes by its id, which another one would take over
-        self.kept = [node for f in program.functions() for node in ast.walk(f.node)]
+        self.kept = [node for f in program.functions() for node in walk(f.node)]
 
     def branch(self, test: ast.expr, state: State) -> tuple[State | None, State | None]:
         """As of the interpreter."""
@@ -51,7 +52,7 @@ def cut(program: Program, module: str) -> list[ast.FunctionDef]:
         name = todo.pop()
         if name in functions and name not in needed:
             needed[name] = node = _without(functions[name].node, run, program)
-            todo += [n.id for n in ast.walk(node) if isinstance(n, ast.Name)]
+            todo += [n.id for n in walk(node) if isinstance(n, ast.Name)]
     return [needed[name] for name in functions if name in needed]
 
 
@@ -138,7 +139,7 @@ def _changing(body: list[ast.stmt], program: Program) -> list[ast.stmt]:
             inner = _changing(node.body, program)
             kept.append(ast.For(node.target, node.iter, inner, [], lineno=0))
         elif isinstance(node, ast.Assign) and fold.same(node.targets[0], node.value):
-            names = {n.attr for n in ast.walk(node) if isinstance(n, ast.Attribute)}
+            names = {n.attr for n in walk(node) if isinstance(n, ast.Attribute)}
             if any(fields[name].volatile for name in names):
                 kept.append(node)
         else:

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 
 from canroll.errors import CanrollError
 from codegen.specialise import fold
+from codegen.subset.walk import walk
 
 
 def tidied(body: list[ast.stmt]) -> list[ast.stmt]:
@@ -114,7 +115,7 @@ def _outermost(node: ast.AST) -> list[ast.expr]:
 
 def _all(body: Iterable[ast.AST]) -> set[str]:
     """All names in ``body``."""
-    return {n.id for node in body for n in ast.walk(node) if isinstance(n, ast.Name)}
+    return {n.id for node in body for n in walk(node) if isinstance(n, ast.Name)}
 
 
 def _names(nodes: Iterable[ast.AST]) -> frozenset[str]:
@@ -122,4 +123,4 @@ def _names(nodes: Iterable[ast.AST]) -> frozenset[str]:
 
 
 def _size(body: list[ast.stmt]) -> int:
-    return sum(1 for statement in body for _ in ast.walk(statement))
+    return sum(1 for statement in body for _ in walk(statement))

@@ -4,12 +4,13 @@ import ast
 from collections.abc import Collection, Iterator, Mapping
 
 from codegen.subset.program import WRITERS, Function, Program
+from codegen.subset.walk import walk
 
 
 def local_kinds(function: Function) -> dict[str, str]:
     """Declared kind of each scalar parameter and local of ``function``."""
     kinds = {name: its.kind for name, its in function.parameters.items() if not its.shape}
-    for node in ast.walk(function.node):
+    for node in walk(function.node):
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
             kinds[node.target.id] = ast.unparse(node.annotation)
     return kinds
@@ -18,7 +19,7 @@ def local_kinds(function: Function) -> dict[str, str]:
 def assigned(function: Function) -> frozenset[str]:
     """Names that ``function`` assigns again after their declaration."""
     names = set()
-    for node in ast.walk(function.node):
+    for node in walk(function.node):
         targets = node.targets if isinstance(node, ast.Assign) else []
         if isinstance(node, ast.AugAssign | ast.For):
             targets = [node.target]
@@ -29,11 +30,12 @@ def assigned(function: Function) -> frozenset[str]:
 def writers(program: Program) -> dict[tuple[str, str], frozenset[str]]:
     """Functions that write to their parameters, with the names of those parameters."""
     found: dict[tuple[str, str], set[str]] = {}
+    writing = [(function, _writing(function)) for function in program.functions()]
     changed = True
     while changed:
         changed = False
-        for function in program.functions():
-            mine = found.get(function.key, set()) | _written(program, function, found)
+        for function, nodes in writing:
+            mine = found.get(function.key, set()) | _written(program, function, nodes, found)
             if mine and mine != found.get(function.key):
                 found[function.key] = mine
                 changed = True
@@ -43,15 +45,30 @@ def writers(program: Program) -> dict[tuple[str, str], frozenset[str]]:
 def stored(
     program: Program, function: Function, written: Mapping[tuple[str, str], Collection[str]]
 ) -> Iterator[ast.expr]:
-    """Yield what a function writes: targets assigned, cleared or passed to a function that writes.
+    """Return what a function writes: targets assigned, cleared or passed to a function that writes.
 
     Args:
         program: program of the function.
         function: function to examine.
         written: names of the parameters that each function writes, as far as known.
     """
+    return _stored(program, function, _writing(function), written)
+
+
+def _writing(function: Function) -> list[ast.AST]:
+    """What may write in a function."""
+    kinds = (ast.Assign, ast.AugAssign, ast.Call)
+    return [node for node in walk(function.node) if isinstance(node, kinds)]
+
+
+def _stored(
+    program: Program,
+    function: Function,
+    nodes: Collection[ast.AST],
+    written: Mapping[tuple[str, str], Collection[str]],
+) -> Iterator[ast.expr]:
     module = program.modules[function.module]
-    for node in ast.walk(function.node):
+    for node in nodes:
         if isinstance(node, ast.Assign):
             yield from node.targets
         elif isinstance(node, ast.AugAssign):
@@ -67,10 +84,13 @@ def stored(
 
 
 def _written(
-    program: Program, function: Function, found: Mapping[tuple[str, str], set[str]]
+    program: Program,
+    function: Function,
+    nodes: Collection[ast.AST],
+    found: Mapping[tuple[str, str], set[str]],
 ) -> set[str]:
     names = set()
-    for target in stored(program, function, found):
+    for target in _stored(program, function, nodes, found):
         base = target
         while isinstance(base, ast.Attribute | ast.Subscript):
             base = base.value

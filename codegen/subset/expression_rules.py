@@ -14,6 +14,7 @@ from codegen.subset.program import (
     SubsetError,
     evaluate,
 )
+from codegen.subset.walk import walk
 
 ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.BitAnd, ast.BitOr, ast.BitXor, ast.LShift, ast.RShift)
 COMPARISONS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq)
@@ -205,15 +206,15 @@ class ExpressionRules:
         self, node: ast.expr, targets: tuple[ast.expr, ...], *, augmented: bool = False
     ) -> None:
         """Refuse a writing call among other reads: C does not define the order of operands."""
-        effects = [inner for inner in ast.walk(node) if self.writes(inner)]
+        effects = [inner for inner in walk(node) if self.writes(inner)]
         if not effects:
             return
         if len(effects) > 1:
             raise self.refuse(node, "two calls that write in one expression: C orders them freely")
-        inside = set(ast.walk(effects[0]))
-        outside = [inner for inner in ast.walk(node) if inner not in inside]
+        inside = set(walk(effects[0]))
+        outside = [inner for inner in walk(node) if inner not in inside]
         for target in targets:
-            outside += list(ast.walk(target)) if augmented else list(ast.walk(target))[1:]
+            outside += list(walk(target)) if augmented else list(walk(target))[1:]
         for inner in outside:
             if (
                 isinstance(inner, ast.Attribute)

@@ -8,6 +8,7 @@ import ast
 from collections.abc import Mapping
 
 from codegen.subset.program import Function, Module, Program
+from codegen.subset.walk import walk
 
 
 def leave_out(program: Program) -> None:
@@ -87,7 +88,7 @@ def _forget(module: Module) -> None:
     named = {
         node.id
         for function in module.functions.values()
-        for node in ast.walk(function.node)
+        for node in walk(function.node)
         if isinstance(node, ast.Name)
     }
     for name in set(module.modules) - named:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from canroll.errors import CanrollError
+from codegen.subset.walk import walk
 
 FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
 PACKAGE = "firmware"
@@ -274,7 +275,7 @@ def calls(program: Program, function: Function) -> list[Function]:
     """Functions that ``function`` calls, each once."""
     module = program.modules[function.module]
     found = {}
-    for node in ast.walk(function.node):
+    for node in walk(function.node):
         if isinstance(node, ast.Call):
             called = program.function(module, node.func)
             if called is not None:

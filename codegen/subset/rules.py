@@ -11,6 +11,7 @@ from collections.abc import Callable
 from codegen.subset.effects import writers
 from codegen.subset.expression_rules import ARITHMETIC, ExpressionRules, words
 from codegen.subset.program import CONST_RECORD, INTRINSICS, KINDS, Function, Program, evaluate
+from codegen.subset.walk import walk
 
 C_WORDS = frozenset(
     re.findall(
@@ -157,12 +158,12 @@ class _Checker(ExpressionRules):
         """Refuse a bound that changes in its loop: Python reads it once, C in every iteration."""
         inside = {
             target.id
-            for node in ast.walk(loop)
+            for node in walk(loop)
             for target in (node.targets if isinstance(node, ast.Assign) else [])
             + ([node.target] if isinstance(node, ast.AugAssign) else [])
             if isinstance(target, ast.Name)
         }
-        for node in ast.walk(bound):
+        for node in walk(bound):
             if isinstance(node, ast.Name) and node.id in inside:
                 raise self.refuse(bound, f"the loop changes its bound {node.id}")
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):

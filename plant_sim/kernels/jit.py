@@ -1,10 +1,10 @@
 """Numba decorators with one cache keyed by a hash of the sources.
 
 Numba's own cache only watches the file of the outermost function, so that a changed callee would
-stay outdated. The cache folder is named by a hash of the whole package instead, independent of file
-times, which change with copies and file systems. As Numba numbers its entries, two processes that
-compile at the same time could use one name for two functions: saving takes a lock. A read-only
-cache is still read.
+stay outdated. The cache folder is named by a hash of the whole package instead, and of what kernels
+take numbers from, independent of places and file times, which change with copies and file systems.
+As Numba numbers its entries, two processes that compile at the same time could use one name for two
+functions: saving takes a lock. A read-only cache is still read.
 """
 
 import ctypes
@@ -29,12 +29,15 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 SOURCES = Path(__file__).resolve().parents[1]
+NUMBERS = (SOURCES.parent / "vehicles", SOURCES.parent / "codegen" / "frame")
+"""Folders whose constants are compiled into kernels."""
 
 
 def _cache_folder() -> Path:
     digest = hashlib.sha256(f"{numba.__version__}".encode())
-    for source in sorted(SOURCES.rglob("*.py")):
-        digest.update(source.read_bytes())
+    for folder in (SOURCES, *NUMBERS):
+        for source in sorted(folder.rglob("*.py")):
+            digest.update(source.read_bytes())
     return build_cache.folder(f"numba-{digest.hexdigest()[:16]}")
 
 
@@ -44,6 +47,15 @@ numba.config.CACHE_DIR = str(FOLDER)
 
 class _Locator(UserProvidedCacheLocator):  # type: ignore[misc]
     """Location of a function in the cache, writable or not."""
+
+    @classmethod
+    def get_suitable_cache_subpath(cls, py_file: str) -> str:
+        """Name the folder of a file: where the package stands does not change its code."""
+        file = Path(py_file).resolve()
+        if file.is_relative_to(SOURCES):
+            return str(file.relative_to(SOURCES).parent)
+        own: str = super().get_suitable_cache_subpath(py_file)
+        return own
 
     def ensure_cache_path(self) -> None:
         with suppress(OSError):

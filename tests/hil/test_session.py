@@ -201,7 +201,7 @@ def test_a_killed_side_leaves_no_verdict(programs, tmp_path, pace, side):
 @pytest.mark.slow
 def test_a_side_that_stands_still_changes_nothing_in_lock_step(programs, tmp_path, capsys):
     out = tmp_path / "out"
-    arguments = ["random_road", "--law", "lqr"]
+    arguments = ["random_road", "--law", "lqr", "--set", "duration=8"]
     run, pids = start_run(programs, *arguments, "--pace", "lockstep", "--out", out)
     for pid in pids.values():
         os.kill(pid, signal.SIGSTOP)

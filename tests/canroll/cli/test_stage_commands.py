@@ -199,14 +199,12 @@ def test_a_scaled_field_is_not_compared_with_a_bare_number(condition, tmp_path, 
     assert any(f"'{number} << " in told for number in ("30", "-3", "LIMIT"))
 
 
-@pytest.mark.parametrize(
-    "condition",
-    [
-        *("ecu.speed > 30 << 20", "ecu.speed > 0", "ecu.mode == 2", "ecu.speed > LIMIT << 20"),
-        "ecu.speed - (30 << 20) > 0",
-    ],
-)
-def test_a_number_in_the_format_of_the_field_is(condition, tmp_path):
+def test_a_number_in_the_format_of_the_field_is(tmp_path):
+    conditions = ("ecu.speed > 30 << 20", "ecu.speed > 0", "ecu.mode == 2")
+    conditions += ("ecu.speed > LIMIT << 20", "ecu.speed - (30 << 20) > 0")
+    branch = "    if {condition}:\n        return wanted >> 1\n"
+    assert branch in STAGE
+    branches = "".join(branch.format(condition=condition) for condition in conditions)
     path = tmp_path / "stage.py"
-    path.write_text(STAGE.format(condition=condition))
+    path.write_text(STAGE.replace(branch, branches))
     assert main(["prove", "--stage", str(path)]) == 0

@@ -64,10 +64,10 @@ def test_a_text_is_kept_by_its_subject_and_firmware(makes):
 
     def make():
         made.append(None)
-        return f"text {len(made)}"
+        return {"text": f"text {len(made)}"}
 
     served = with_services(built_in(), ("xcp",))
     asked = [(built_in(), "page"), (built_in(), "table"), (served, "page")]
-    texts = [firmware.kept(what, make) for firmware, what in asked]
+    texts = [firmware.kept(what, make)["text"] for firmware, what in asked]
     assert texts == ["text 1", "text 2", "text 3"]
-    assert [firmware.kept(what, make) for firmware, what in asked] == texts
+    assert [firmware.kept(what, make)["text"] for firmware, what in asked] == texts

@@ -54,6 +54,14 @@ def test_the_cache_of_an_extension_follows_its_file_and_those_beside_it(tmp_path
     assert jit._Locator(jit.njit, jit.__file__).get_source_stamp() == jit.FOLDER.name
 
 
+def test_a_copy_of_the_package_has_the_place_of_the_first_in_the_cache(monkeypatch, tmp_path):
+    place = jit._Locator.get_suitable_cache_subpath
+    here = place(str(jit.SOURCES / "bodies" / "roll.py"))
+    extension = place(str(tmp_path / "bodies" / "roll.py"))
+    monkeypatch.setattr(jit, "SOURCES", tmp_path)
+    assert place(str(tmp_path / "bodies" / "roll.py")) == here != extension
+
+
 MEANWHILE = """
 import os, time
 from numba import int64
