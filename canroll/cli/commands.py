@@ -82,6 +82,7 @@ COMMANDS = {
         "a vehicle file from mass and size; a vehicle beside its class", "run_parsers:vehicle"
     ),
     "fit": Command("a vehicle's numbers from a measured drive", "run_parsers:fit"),
+    "validate": Command("a verdict on a vehicle by measured drives", "run_parsers:validate"),
     "response": Command(
         "yaw and roll frequency response to steering (ISO 7401)",
         "run_parsers:response",
