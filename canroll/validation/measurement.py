@@ -59,7 +59,7 @@ def zeroed(log: Log, window: Window) -> Measurement:
 
     Args:
         log: the measured drive.
-        window: when it drives straight (ISO 15037-1: signals are zeroed before the manoeuvre).
+        window: when it drives straight.
 
     Raises:
         CanrollError: a signal has no sample there.

@@ -91,7 +91,7 @@ def _peaks(values: Vector, begin: int, end: int) -> tuple[tuple[int, float], tup
 
 
 def _displacement(lateral: Vector, begin: int) -> float:
-    """Integrate the lateral acceleration twice, as FMVSS 126, S7.11.5 does."""
+    """Integrate the lateral acceleration twice, as FMVSS 126 does."""
     count = round(DISPLACED / SAMPLE)
     part = lateral[begin : begin + count]
     return float(np.sum(np.cumsum(part)) * SAMPLE**2)

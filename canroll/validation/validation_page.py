@@ -189,7 +189,11 @@ def validation_page(validations: Sequence[Validation], result: dict[str, object]
     vehicle = validations[0].drive.vehicle
     good = all(one.passed for one in validations)
     warnings = [f"{one.drive.log}: {text}" for one in validations for text in one.drive.remarks]
-    failures = [f"{one.drive.log}: {text}" for one in validations for text in one.failures]
+    failures = [
+        text if len(validations) == 1 else f"{one.drive.log}: {text}"
+        for one in validations
+        for text in one.failures
+    ]
     measurement = next((one.measurement.source for one in validations), "")
     return render(
         Page(
@@ -198,7 +202,7 @@ def validation_page(validations: Sequence[Validation], result: dict[str, object]
             verdict=Verdict(
                 good,
                 "Validated" if good else "Not validated",
-                "; ".join((headline(validations), *(failures if not good else ()))),
+                "; ".join((headline(validations), *failures[1 if len(validations) == 1 else 0 :])),
             ),
             warnings=warnings,
             tables=tables,
