@@ -53,7 +53,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("canroll.exchange", "hil.check"),
     ("canroll.report",),
     ("canroll.studies", "hil.watch", "canroll.attacks", "canroll.identification"),
-    ("canroll.papers", "canroll.campaigns"),
+    ("canroll.papers", "canroll.campaigns", "canroll.validation"),
     ("canroll.cli",),
     ("canroll", "tools"),
     ("tools.mutation", "tools.differential", "tools.validation"),

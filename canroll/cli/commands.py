@@ -84,6 +84,7 @@ COMMANDS = {
         "a vehicle file from mass and size; a vehicle beside its class", "run_parsers:vehicle"
     ),
     "fit": Subcommand("a vehicle's numbers from a measured drive", "run_parsers:fit"),
+    "validate": Subcommand("a verdict on a vehicle by measured drives", "run_parsers:validate"),
     "response": Subcommand(
         "yaw and roll frequency response to steering (ISO 7401)",
         "run_parsers:response",

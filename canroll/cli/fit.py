@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     settings = Settings(
         imu=args.imu,
         window=Window(args.begin, args.end),
-        checked=None if args.check is None else window_of(args.check),
+        checked=None if args.check is None else window_of("--check", args.check),
         free=tuple(args.free or ()),
         held=tuple(args.hold or ()),
         starts=args.starts,
@@ -64,8 +64,8 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def window_of(text: str) -> Window:
-    """Return the window of "FROM:TO".
+def window_of(option: str, text: str) -> Window:
+    """Return the window of "FROM:TO", the value of an option.
 
     Raises:
         CanrollError: it is none.
@@ -74,9 +74,9 @@ def window_of(text: str) -> Window:
     try:
         window = Window(float(begin), float(end))
     except ValueError as error:
-        raise CanrollError(f"--check {text}: expected FROM:TO in s, such as 12:15.5") from error
+        raise CanrollError(f"{option} {text}: expected FROM:TO in s, such as 12:15.5") from error
     if not window.begin < window.end:
-        raise CanrollError(f"--check {text}: nothing is between them")
+        raise CanrollError(f"{option} {text}: nothing is between them")
     return window
 
 

@@ -164,8 +164,12 @@ def chosen_services(args: argparse.Namespace) -> tuple[str, ...]:
     return tuple(name for name in SERVICES if getattr(args, name))
 
 
-def _by_key(option: str, pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
-    """Return the pairs as a dictionary; a key given twice is refused."""
+def by_key(option: str, pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
+    """Return the pairs of an option as a dictionary.
+
+    Raises:
+        CanrollError: a key is given twice.
+    """
     found: dict[str, str] = {}
     for key, value in pairs:
         if key in found:
@@ -182,7 +186,7 @@ def choices_of(args: argparse.Namespace, names: Iterable[str] = CHOICES) -> dict
     """
     given = {name: getattr(args, name, None) for name in names}
     for name in given.keys() & {"options", "conditions"}:
-        given[name] = _by_key(CHOICES[name].option, given[name] or ()) or None
+        given[name] = by_key(CHOICES[name].option, given[name] or ()) or None
     found = {name: value for name, value in given.items() if value is not None}
     if "vehicle" in given and getattr(args, "vehicle_set", None):
         found["vehicle"] = _changed(found, args.vehicle_set)

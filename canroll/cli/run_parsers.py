@@ -173,31 +173,7 @@ def fit(parser: Parser) -> None:
     )
     parser.add_argument("log", type=not_empty, metavar="LOG", help=".csv .mf4, or a bus log")
     add_choices(parser, ("vehicle",))
-    parser.add_argument(
-        "--signal",
-        action="append",
-        type=not_empty,
-        metavar="QUANTITY=[-]NAME[:UNIT]",
-        help="signal of the log that is a quantity: steering, speed, yaw_rate, "
-        "lateral_acceleration, roll_rate, roll, travel_front_left, …; - reverses it; may be "
-        "repeated",
-    )
-    parser.add_argument(
-        "--dbc", default="", metavar="FILE", help="network description of a bus log"
-    )
-    parser.add_argument(
-        "--map", default="", metavar="FILE", help="map of its signals to the ECU's fields"
-    )
-    parser.add_argument(
-        "--imu",
-        choices=("body", "levelled"),
-        default="body",
-        help="axes of the inertial unit: the body's, or levelled, without gravity (default: body)",
-    )
-    parser.add_argument(
-        "--from", dest="begin", type=float, default=-inf, metavar="S", help="fit from this time on"
-    )
-    parser.add_argument("--to", dest="end", type=float, default=inf, metavar="S", help="up to this")
+    _add_measured(parser, "fit")
     parser.add_argument("--check", metavar="FROM:TO", help="part (s) to predict with the fit")
     for name, meaning in (
         ("free", "fit this number though its source says that it is known"),
@@ -215,6 +191,105 @@ def fit(parser: Parser) -> None:
     )
     add_execution(parser, "start", "scheduler", "resume", "only")
     add_answer(parser, "vehicle, page and covariance")
+
+
+def _add_measured(parser: Parser, verb: str) -> None:
+    """Add the options of how a measured drive is read, and which part of it."""
+    parser.add_argument(
+        "--signal",
+        action="append",
+        type=not_empty,
+        metavar="QUANTITY=[-]NAME[:UNIT]",
+        help="signal of the log that is a quantity: steering, speed, yaw_rate, "
+        "lateral_acceleration, roll_rate, roll, sideslip, travel_front_left, …; - reverses it; may "
+        "be repeated",
+    )
+    parser.add_argument(
+        "--dbc", default="", metavar="FILE", help="network description of a bus log"
+    )
+    parser.add_argument(
+        "--map", default="", metavar="FILE", help="map of its signals to the ECU's fields"
+    )
+    parser.add_argument(
+        "--imu",
+        choices=("body", "levelled"),
+        default="body",
+        help="axes of the inertial unit: the body's, or levelled, without gravity (default: body)",
+    )
+    parser.add_argument(
+        "--from",
+        dest="begin",
+        type=float,
+        default=-inf,
+        metavar="S",
+        help=f"{verb} from this time on",
+    )
+    parser.add_argument("--to", dest="end", type=float, default=inf, metavar="S", help="up to this")
+
+
+def validate(parser: Parser) -> None:
+    """Options of ``canroll validate``."""
+    parser.description = (
+        "Judge a vehicle by measured drives: the 14-DOF car is steered as measured, and every "
+        "signal is rated (ISO/TS 18571). Of a steady circle, a step steer, a sine sweep and a sine "
+        "with dwell the figures of their standards are compared too. Exit code 1 if anything is "
+        "not good enough."
+    )
+    parser.add_argument(
+        "logs", nargs="+", type=not_empty, metavar="LOG", help=".csv .mf4, or bus logs"
+    )
+    add_choices(parser, ("vehicle",))
+    _add_measured(parser, "compare")
+    parser.add_argument(
+        "--manoeuvre",
+        default="",
+        metavar="NAME",
+        help="steady_circle, step_steer, sine_sweep, sine_with_dwell or free (default: recognised "
+        "by the steering)",
+    )
+    parser.add_argument(
+        "--zero",
+        excludes={"measurement": "--measurement has the offsets"},
+        metavar="FROM:TO",
+        help="part (s) of straight driving, whose means are the offsets of all signals",
+    )
+    parser.add_argument(
+        "--measurement",
+        type=path_named,
+        metavar="FILE",
+        help="fit.json of 'canroll fit', whose offsets and delays are those of the log",
+    )
+    parser.add_argument(
+        "--rating",
+        type=float,
+        default=0.80,
+        metavar="R",
+        help="least rating of a signal by ISO/TS 18571 (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--explained",
+        action="append",
+        type=key_value,
+        metavar="SIGNAL=SHARE",
+        help="least share of a signal's variance that is accounted for (default: yaw_rate 0.995, "
+        "lateral_acceleration 0.98, roll_rate 0.93, others 0.94); may be repeated",
+    )
+    parser.add_argument(
+        "--error",
+        type=float,
+        default=inf,
+        metavar="SHARE",
+        help="largest RMS of a difference over the largest measured value (default: no limit)",
+    )
+    parser.add_argument(
+        "--tolerance",
+        action="append",
+        type=key_value,
+        metavar="NAME=OFFSET:GAIN",
+        help="tolerance of figures of a manoeuvre, OFFSET plus GAIN times the value, such as "
+        "circle.roll=0.2:0.05; may be repeated",
+    )
+    add_answer(parser, "page and numbers")
 
 
 def response(parser: Parser) -> None:

@@ -52,6 +52,9 @@ QUANTITIES = {
     ),
     "roll_rate": Quantity("roll rate", "rate", "rad/s", ("roll_rate",), "roll_rate"),
     "roll": Quantity("roll", "angle", "rad", ("roll", "roll_angle")),
+    "sideslip": Quantity(
+        "sideslip of the CG", "angle", "rad", ("sideslip", "sideslip_angle", "beta")
+    ),
     **{
         f"travel_{wheel}": Quantity(
             f"travel {wheel.replace('_', ' ')}", "length", "m", (f"travel_{wheel}",)

@@ -81,9 +81,25 @@ def check(log: Log, model: Model) -> None:
     slip = _kinematic(log, model.vehicle, signals)
     if slip is not None:
         raise CanrollError(f"{log.name}: {_remedy(log, slip)}")
-    found = list(_rolling(log, model))
-    if found:
-        raise CanrollError(f"{log.name}: {'; '.join(found)}")
+    rolling = list(_rolling(log, model))
+    if rolling:
+        raise CanrollError(f"{log.name}: {'; '.join(rolling)}")
+
+
+def slips(log: Log, model: Model) -> tuple[str, ...]:
+    """Return in words, each with its remedy, what :func:`check` refuses; none if it is right.
+
+    Of a log whose lateral acceleration does not vary, as on a circle, nothing can be said.
+    """
+    lateral = model.measured[:, model.names.index("lateral_acceleration")]
+    there = model.compared.all(axis=1)
+    if not there.any() or np.std(lateral[there]) < LEAST_ACCELERATION:
+        return ()
+    try:
+        check(log, model)
+    except CanrollError as error:
+        return (str(error).removeprefix(f"{log.name}: "),)
+    return ()
 
 
 def _remedy(log: Log, slip: _Slip) -> str:

@@ -23,10 +23,14 @@ SPEED_GAIN = 20.0
 """Traction per mass and error in speed (1/s): follows 3.5 m/s² within 0.2 m/s."""
 
 # Columns of a record: as an inertial unit along the body's axes gives them, levelled, and the rest.
-BODY_YAW, BODY_AY, BODY_ROLL, YAW, AY, ROLL_RATE, ROLL, TRAVEL = range(8)
+BODY_YAW, BODY_AY, BODY_ROLL, YAW, AY, ROLL_RATE, ROLL, SIDESLIP, ROLLOVER, TRAVEL = range(10)
 N_COLUMNS = TRAVEL + 4
 
-_REST = {"roll": ROLL} | {f"travel_{wheel}": TRAVEL + k for k, wheel in enumerate(WHEELS)}
+_REST = {
+    "roll": ROLL,
+    "sideslip": SIDESLIP,
+    **{f"travel_{wheel}": TRAVEL + k for k, wheel in enumerate(WHEELS)},
+}
 FRAMES: Mapping[str, Mapping[str, int]] = {
     "body": {"yaw_rate": BODY_YAW, "lateral_acceleration": BODY_AY, "roll_rate": BODY_ROLL} | _REST,
     "levelled": {"yaw_rate": YAW, "lateral_acceleration": AY, "roll_rate": ROLL_RATE} | _REST,
@@ -64,6 +68,8 @@ def _drive_through(step: Any, run: _Run, mass: float) -> None:  # noqa: ANN401
             row[AY] = np.cos(roll) * motion[FORCE + 1] - np.sin(roll) * motion[FORCE + 2]
             row[YAW], row[ROLL_RATE] = run.outputs[ports.YAW_RATE], run.outputs[ports.ROLL_RATE]
             row[ROLL] = roll
+            row[SIDESLIP] = np.arctan2(run.outputs[ports.VY], run.outputs[ports.VX])
+            row[ROLLOVER] = run.outputs[ports.ROLLOVER]
             for wheel in range(4):
                 row[TRAVEL + wheel] = run.outputs[ports.TRAVEL + wheel]
         run.inputs[ports.STEER] = run.steer[k]

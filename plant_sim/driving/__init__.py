@@ -20,6 +20,8 @@ MANEUVERS: "Registry[ManeuverKind]" = Registry(
         "bumps": "plant_sim.driving.path_maneuvers:BUMPS",
         "random_road": "plant_sim.driving.path_maneuvers:RANDOM_ROAD",
         "step_steer": "plant_sim.driving.steer_maneuvers:STEP_STEER",
+        "sine_sweep": "plant_sim.driving.steer_maneuvers:SINE_SWEEP",
+        "braking_in_curve": "plant_sim.driving.steer_maneuvers:BRAKING_IN_CURVE",
         "fishhook": "plant_sim.driving.steer_maneuvers:NHTSA_FISHHOOK",
         "j_turn": "plant_sim.driving.steer_maneuvers:J_TURN",
         "sine_with_dwell": "plant_sim.driving.steer_maneuvers:SINE_WITH_DWELL",

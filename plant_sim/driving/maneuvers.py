@@ -134,6 +134,9 @@ OPTIONS: Mapping[str, Limits] = {
     "scale": Limits("", 0.01, 100.0),
     "lateral_acceleration": Limits("m/s²", 0.1, 15.0),
     "steer_rate": Limits("°/s", 10.0, 2000.0),
+    "lowest": Limits("Hz", 0.05, 10.0),
+    "highest": Limits("Hz", 0.05, 10.0),
+    "deceleration": Limits("m/s²", 0.5, 10.0),
 }
 """Limits of the numbers among the options of the built-in manoeuvres, by name."""
 

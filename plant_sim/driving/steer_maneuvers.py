@@ -1,4 +1,4 @@
-"""Manoeuvres of a steering robot: step steer, fishhook, J-turn, sine with dwell.
+"""Manoeuvres of a steering robot: step, sweep, fishhook, J-turn, sine with dwell, and braking.
 
 The robots of FMVSS 126 and of NHTSA's rollover tests scale their steering by the angle at which
 the car corners at 0.3 g at 80 km/h; here that is the linear car's.
@@ -8,6 +8,7 @@ from math import inf, pi, radians
 
 import numpy as np
 
+from canroll.errors import CanrollError
 from canroll.typing import Vector
 from plant_sim.driving.drive import ManeuverKind, ManeuverPlan, steady_steer
 from plant_sim.driving.driver import FISHHOOK, STEER_TABLE
@@ -15,6 +16,13 @@ from vehicles import GRAVITY, Vehicle
 
 START = 0.5
 """Straight running before the steering begins (s)."""
+
+ENTRY = 1.0
+"""Time (s) in which a circle is steered into before braking in it."""
+STEADY = 4.0
+"""Time (s) on the circle before the brakes."""
+BRAKED = 20.0 / 3.6
+"""Speed (m/s) at which braking in a curve ends."""
 
 TABLE_STEP = 1e-3
 REFERENCE_SPEED = 80 / 3.6
@@ -67,6 +75,71 @@ def step_steer(
     )
 
 
+def sine_sweep(
+    vehicle: Vehicle,
+    speed: float,
+    _seed: int,
+    *,
+    lateral_acceleration: float = 2.0,
+    lowest: float = 0.2,
+    highest: float = 3.0,
+    duration: float = 40.0,
+) -> ManeuverPlan:
+    """ISO 7401 continuous sinusoidal input whose frequency (Hz) rises evenly with time.
+
+    The amplitude is the angle of the linear car's steady lateral acceleration; the standard permits
+    at most 4 m/s².
+
+    Raises:
+        CanrollError: the frequency does not rise.
+    """
+    if not lowest < highest:
+        raise CanrollError(
+            f"sine sweep from {lowest:g} to {highest:g} Hz: highest must be above lowest"
+        )
+    time = np.maximum(np.arange(0.0, START + duration, TABLE_STEP) - START, 0.0)
+    phase = 2 * pi * (lowest * time + 0.5 * (highest - lowest) * time**2 / duration)
+    angle = steady_steer(vehicle, speed, lateral_acceleration)
+    amplitude = min(angle, vehicle.steering.angle_limit)
+    return ManeuverPlan(
+        START + duration,
+        kind=STEER_TABLE,
+        table=amplitude * np.sin(phase),
+        table_step=TABLE_STEP,
+        steer_rate=inf,
+    )
+
+
+def braking_in_curve(
+    vehicle: Vehicle,
+    speed: float,
+    _seed: int,
+    *,
+    radius: float = 100.0,
+    deceleration: float = 4.0,
+) -> ManeuverPlan:
+    """ISO 7975: braking with the steering of a steady circle held.
+
+    The angle is that of the linear car; the standard's radius of 100 m gives the lateral
+    acceleration of 5 m/s² at 80 km/h. The car brakes evenly, as a speed that falls, down to
+    :data:`BRAKED` or to a quarter of its speed.
+    """
+    angle = steady_steer(vehicle, speed, speed**2 / radius)
+    amplitude = min(angle, vehicle.steering.angle_limit)
+    end = max(BRAKED, 0.25 * speed)
+    begin = START + ENTRY + STEADY
+    duration = begin + max(speed - end, 0.0) / deceleration
+    time = np.arange(0.0, duration, TABLE_STEP)
+    return ManeuverPlan(
+        duration,
+        kind=STEER_TABLE,
+        table=amplitude * np.clip((time - START) / ENTRY, 0.0, 1.0),
+        table_step=TABLE_STEP,
+        speed=np.maximum(speed - deceleration * np.maximum(time - begin, 0.0), min(end, speed)),
+        steer_rate=inf,
+    )
+
+
 def j_turn(vehicle: Vehicle, _speed: float, _seed: int, *, scale: float = 8.0) -> ManeuverPlan:
     """NHTSA's J-turn: one ramp at 1000 degrees/s at the steering wheel, held 4 s, back in 2 s."""
     rate = radians(1000.0) / vehicle.steering.ratio
@@ -111,6 +184,10 @@ def sine_with_dwell(
 
 STEP_STEER = ManeuverKind("step steer", 100.0, 160.0, "ISO 7401", step_steer)
 """Step steer, ISO 7401."""
+SINE_SWEEP = ManeuverKind("sine sweep", 100.0, 160.0, "ISO 7401", sine_sweep)
+"""Sine sweep, ISO 7401."""
+BRAKING_IN_CURVE = ManeuverKind("braking in a curve", 80.0, 160.0, "ISO 7975", braking_in_curve)
+"""Braking in a curve, ISO 7975."""
 NHTSA_FISHHOOK = ManeuverKind(
     "fishhook", 80.0, 120.0, "NHTSA roll-rate feedback fishhook", fishhook
 )

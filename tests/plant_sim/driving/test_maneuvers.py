@@ -2,13 +2,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import csd, welch
 
 import vehicles
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim import bodies
 from plant_sim.bodies import ports
-from plant_sim.driving import driver, maneuvers, path, steer_maneuvers
-from plant_sim.world import open_loop
+from plant_sim.driving import drive, driver, maneuvers, path, steer_maneuvers
+from plant_sim.world import handling, open_loop
 
 ROLL1, NONLINEAR = bodies.body("roll1"), bodies.body("nonlinear")
 VAN = vehicles.load("van_real")
@@ -95,6 +96,10 @@ def test_every_manoeuvre_runs_to_its_end_on_every_plant(name):
     for body in bodies.BODIES.values():
         if body.name.startswith("linear_car") and name in ("fishhook", "j_turn", "sine_with_dwell"):
             continue  # far beyond what a linear tyre means
+        if name == "braking_in_curve" and body.constant_speed:
+            with pytest.raises(CanrollError, match="which keeps its entry speed"):
+                run(name, body=body)
+            continue
         outputs, _ = run(name, body=body)
         assert np.isfinite(outputs).all()
         assert outputs[-1, ports.X] != 0.0
@@ -223,6 +228,67 @@ def test_a_step_steer_settles_at_its_lateral_acceleration():
     assert rate.max() == pytest.approx(300.0, rel=0.01)
     assert np.all(steer[:500] == 0.0)
     assert np.mean(outputs[-500:, ports.AY]) == pytest.approx(4.0, rel=0.05)
+
+
+def test_a_sine_sweep_rises_evenly_from_its_lowest_to_its_highest_frequency():
+    """Zeros where the phase, 2π (f₀ t + (f₁ − f₀) t²/2T), is a multiple of π."""
+    _, road_wheel = run("sine_sweep", speed=20.0, lowest=0.5, highest=2.5, duration=20.0)
+    time = 1e-3 * np.arange(len(road_wheel)) - 0.5
+    signs = np.sign(road_wheel[time > 0.0])
+    crossed = time[time > 0.0][1:][np.diff(signs) != 0.0]
+    turns = 0.5 * crossed + 0.5 * 2.0 * crossed**2 / 20.0
+    np.testing.assert_allclose(2 * turns, np.arange(1, len(crossed) + 1), atol=0.02)
+    assert len(crossed) in (59, 60)  # 30 periods of 1.5 Hz in the mean
+    wanted = drive.steady_steer(VAN, 20.0, 2.0)
+    assert np.abs(road_wheel).max() == pytest.approx(wanted, rel=1e-3)
+    with pytest.raises(CanrollError, match="highest must be above lowest"):
+        maneuvers.build("sine_sweep", VAN, 20.0, lowest=3.0, highest=1.0)
+
+
+def test_a_sine_sweep_has_the_response_of_single_frequencies():
+    """Cross spectrum over power at 1 Hz, against sines that were driven one by one."""
+    outputs, steer = run("sine_sweep", speed=20.0, lateral_acceleration=1.0, duration=60.0)
+    single = handling.frequency_response(
+        VAN, NONLINEAR, speed=20.0, lateral_acceleration=1.0, frequencies=np.array([1.0])
+    )
+    frequency, power = welch(steer, fs=1000.0, nperseg=8000)
+    _, cross = csd(steer, outputs[:, ports.YAW_RATE], fs=1000.0, nperseg=8000)
+    response = (cross / power)[np.argmin(np.abs(frequency - 1.0))]
+    assert abs(response) == pytest.approx(abs(single.yaw_rate[0]), rel=0.02)
+    assert np.angle(response) == pytest.approx(np.angle(single.yaw_rate[0]), abs=0.02)
+
+
+def test_braking_in_a_curve_holds_the_circle_and_then_loses_the_energy_of_its_deceleration():
+    outputs, steer = run("braking_in_curve", speed=16.0, deceleration=3.0)
+    circle, braked = slice(4500, 5400), slice(6500, 8000)
+    speed, yaw_rate = outputs[:, ports.VX], outputs[:, ports.YAW_RATE]
+    # before the brakes it is a step steer to the same angle
+    expected = drive.steady_steer(VAN, 16.0, 16.0**2 / 100.0)
+    assert np.ptp(steer[1600:]) == 0.0
+    assert steer[-1] == pytest.approx(expected)
+    assert np.ptp(yaw_rate[circle]) < 0.01 * yaw_rate[circle].mean()
+    assert speed[circle].mean() == pytest.approx(16.0, rel=0.01)
+    assert speed[circle].mean() / yaw_rate[circle].mean() == pytest.approx(100.0, rel=0.1)
+    # in steady braking v² falls by 2 a s, the work of the brakes and of the slopes of the tyres
+    travelled = np.sum(speed[braked]) * 1e-3
+    lost = speed[braked][0] ** 2 - speed[braked][-1] ** 2
+    assert lost == pytest.approx(2 * 3.0 * travelled, rel=0.03)
+    assert speed[-1] == pytest.approx(20.0 / 3.6, abs=0.5)
+    # the lateral acceleration goes with the square of the speed while the balance stays
+    assert outputs[-1, ports.AY] < 0.35 * outputs[circle, ports.AY].mean()
+
+
+def test_braking_shifts_the_load_that_its_deceleration_asks_for():
+    """m a h/l from the rear to the front axle, h of the whole car above the road."""
+    outputs, _ = run("braking_in_curve", speed=16.0, deceleration=3.0, radius=2000.0)
+    loads = outputs[:, ports.WHEEL_LOAD : ports.WHEEL_LOAD + 4]
+    front = loads[:, :2].sum(axis=1)
+    shifted = front[7000:7800].mean() - front[4500:5400].mean()
+    deceleration = -outputs[7000:7800, ports.AX].mean()
+    assert deceleration == pytest.approx(3.0, rel=0.03)
+    height = VAN.cg_height
+    expected = VAN.total_mass * deceleration * height / VAN.geometry.wheelbase
+    assert shifted == pytest.approx(expected, rel=0.05)
 
 
 def test_a_slalom_passes_each_cone_on_its_side():
