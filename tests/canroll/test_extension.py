@@ -89,25 +89,25 @@ SIGNATURE = Body("signature", other, roll.build)
 MANOEUVRES = """
 import numpy as np
 
-from plant_sim.driving.drive import Kind, Plan
+from plant_sim.driving.drive import ManeuverKind, ManeuverPlan
 from plant_sim.driving.driver import STEER_TABLE
 
 
 def plan(table, **more):
     def made(vehicle, speed, seed, *, scale: float = 1.0):
-        return Plan(2.0, kind=STEER_TABLE, table=table, **more)
+        return ManeuverPlan(2.0, kind=STEER_TABLE, table=table, **more)
 
     return made
 
 
-GOOD = Kind("step", 60.0, 120.0, "none", plan(np.full(10, 0.01)))
-NO_TABLE = Kind("step", 60.0, 120.0, "none", plan(None))
-WHOLE = Kind("step", 60.0, 120.0, "none", plan(np.arange(10)))
-ENDLESS = Kind("step", 60.0, 120.0, "none", plan(np.full(10, np.nan)))
-PATH = Kind("step", 60.0, 120.0, "none", plan(np.zeros(9), path_xy=(np.zeros(4), np.zeros(5))))
-FAST = Kind("step", 60.0, 1200.0, "none", plan(np.zeros(9)))
-SPEEDS = Kind("step", 60.0, 120.0, "none", plan(np.zeros(9), speed=[20.0, 21.0]))
-OPTION = Kind("step", 60.0, 120.0, "none", lambda vehicle, speed, seed, *, where=None: None)
+GOOD = ManeuverKind("step", 60.0, 120.0, "none", plan(np.full(10, 0.01)))
+NO_TABLE = ManeuverKind("step", 60.0, 120.0, "none", plan(None))
+WHOLE = ManeuverKind("step", 60.0, 120.0, "none", plan(np.arange(10)))
+ENDLESS = ManeuverKind("step", 60.0, 120.0, "none", plan(np.full(10, np.nan)))
+PATH = ManeuverKind("step", 60.0, 120.0, "none", plan(np.zeros(9), path_xy=(np.zeros(4), np.zeros(5))))
+FAST = ManeuverKind("step", 60.0, 1200.0, "none", plan(np.zeros(9)))
+SPEEDS = ManeuverKind("step", 60.0, 120.0, "none", plan(np.zeros(9), speed=[20.0, 21.0]))
+OPTION = ManeuverKind("step", 60.0, 120.0, "none", lambda vehicle, speed, seed, *, where=None: None)
 """
 BUS = """
 from plant_sim.buses.profile import BusProfile
