@@ -44,8 +44,8 @@ def load(what: str, reference: str) -> Any:  # noqa: ANN401
     with refusing(f"{what} '{reference}'"):
         module = _from_file(Path(where)) if where.endswith(".py") else import_module(where)
     if not hasattr(module, name):
-        found = module.__file__ or where
-        raise CanrollError(f"{what} '{reference}': {found} defines no '{name}'")
+        file = module.__file__ or where
+        raise CanrollError(f"{what} '{reference}': {file} defines no '{name}'")
     return getattr(module, name)
 
 
@@ -90,9 +90,9 @@ def refusing(what: str) -> Iterator[None]:
 
 def _explained(error: BaseException) -> str:
     """Return type, first line and location of an error."""
-    told = " ".join(str(error).split())
+    reason = " ".join(str(error).split())
     name = type(error).__name__
-    text = f"{name}: {told}" if told else name
+    text = f"{name}: {reason}" if reason else name
     if isinstance(error, SyntaxError | ModuleNotFoundError):
         return text  # the first says its place itself, the second has none
     frames = [frame for frame in extract_tb(error.__traceback__) if _is_foreign(frame.filename)]

@@ -109,9 +109,9 @@ class Ear:
 
     def finished(self, row: int, payload: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Give a payload the next counter and the right checksum of the end-to-end protection."""
-        its = self.tables
-        count = e2e.counter_of(its.protection[row], its.terms[row], payload) + 1
-        e2e.protect(its.protection[row], its.terms[row], its.crc[row], count, payload)
+        tables = self.tables
+        count = e2e.counter_of(tables.protection[row], tables.terms[row], payload) + 1
+        e2e.protect(tables.protection[row], tables.terms[row], tables.crc[row], count, payload)
         return payload
 
     def forged(self, row: int, payload: NDArray[np.uint8], delay_ns: int = 0) -> Forged:
@@ -160,9 +160,9 @@ class AttackedWorld(World):
         while self.now_ns < until_ns:
             received.append(super().advance(min(self.now_ns + STEP_NS, until_ns)))
             self._turn()
-        found = np.concatenate(received)
-        self.arrivals = [bool(forged) for forged in found["forged"]]
-        return found
+        frames = np.concatenate(received)
+        self.arrivals = [bool(forged) for forged in frames["forged"]]
+        return frames
 
     def _turn(self) -> None:
         ear = self.ear

@@ -101,14 +101,14 @@ def estimate(evaluate: Evaluate, dimensions: int, *, samples: int, seed: int) ->
     """
     random = np.random.default_rng(seed)
     chosen = round(SHARE * samples)
-    found = _first(evaluate, random, dimensions, samples)
+    population = _first(evaluate, random, dimensions, samples)
     chains = np.arange(samples)
     result = Estimate(1.0, 0.0, runs=samples)
     for number in range(1, LEVELS + 1):
-        order = np.argsort(-found.level, kind="stable")
-        hits = int(np.sum(found.level >= EVENT))
-        threshold = EVENT if hits >= chosen else float(found.level[order[chosen - 1]])
-        reached = found.level >= threshold
+        order = np.argsort(-population.level, kind="stable")
+        hits = int(np.sum(population.level >= EVENT))
+        threshold = EVENT if hits >= chosen else float(population.level[order[chosen - 1]])
+        reached = population.level >= threshold
         share = float(np.mean(reached))
         result.variation += _variation(reached, chains, share)
         result.probability *= share
@@ -116,12 +116,12 @@ def estimate(evaluate: Evaluate, dimensions: int, *, samples: int, seed: int) ->
         if threshold >= EVENT or share == 1.0:
             done = threshold >= EVENT
             result.probability = result.probability if done else 0.0
-            result.event = found.taken(np.flatnonzero(reached)) if done else None
+            result.event = population.taken(np.flatnonzero(reached)) if done else None
             break
-        found, chains = _chains(
+        population, chains = _chains(
             evaluate,
             random,
-            found.taken(order[:chosen]),
+            population.taken(order[:chosen]),
             threshold,
             samples=samples,
             number=number,

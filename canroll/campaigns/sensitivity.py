@@ -52,11 +52,11 @@ def influences(plan: CampaignPlan, summary: Summary) -> list[Influence]:
     """Return the influence of every drawn quantity, the largest first-order index first."""
     rows, failed = summary.sample, summary.failed
     roll, less = rows["controlled_roll_max_deg"], reduction(rows)
-    found = []
+    ranked = []
     for name in plan.space.names:
         values = rows[name]
         ordered = values.dtype != object
-        found.append(
+        ranked.append(
             Influence(
                 name,
                 _rank(values, roll) if ordered else None,
@@ -65,7 +65,7 @@ def influences(plan: CampaignPlan, summary: Summary) -> list[Influence]:
                 separation(failed[name], _good(rows)[name]) if ordered and failed else None,
             )
         )
-    return sorted(found, key=lambda each: -each.first_order)
+    return sorted(ranked, key=lambda each: -each.first_order)
 
 
 def _rank(values: NDArray[np.float64], figure: NDArray[np.float64]) -> float | None:
@@ -164,7 +164,7 @@ def _margins(plan: CampaignPlan, draw: int) -> tuple[float, float, float]:
     )
     condition = Condition("laden", settings.speed)
     members = family(task.vehicle, delay, tick=task.tick, lag=task.lag, conditions=(condition,))
-    found = members.margins(dequantise(plan.controller.record)).rows[-1].margins
-    gain = found.gain_db if isfinite(found.gain_db) else CAP
-    phase = found.phase_deg if isfinite(found.phase_deg) else 180.0
-    return gain, phase, found.modulus
+    margins = members.margins(dequantise(plan.controller.record)).rows[-1].margins
+    gain = margins.gain_db if isfinite(margins.gain_db) else CAP
+    phase = margins.phase_deg if isfinite(margins.phase_deg) else 180.0
+    return gain, phase, margins.modulus

@@ -198,8 +198,8 @@ def show_check(answer: Mapping[str, Any]) -> None:
     console.print(f"rule: {answer['rule']}")
     if answer["findings"]:
         console.print("\nfound, with remedies:")
-    for found in answer["findings"]:
-        console.print(f"  {found['what']}: {found['remedy']}", markup=False)
+    for finding in answer["findings"]:
+        console.print(f"  {finding['what']}: {finding['remedy']}", markup=False)
 
 
 def _place(loop: Mapping[str, Any]) -> str:

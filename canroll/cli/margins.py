@@ -91,12 +91,12 @@ def _delay(seconds: float) -> str:
 
 
 def _row(label: str, point: DelayMargin) -> str:
-    found = point.margins
+    margins = point.margins
     if not point.stable:
         return f"{label:>12} unstable"
     return (
-        f"{label:>12} {point.peak:8.4f} {_number(found.gain_db):>8} "
-        f"{_number(found.phase_deg):>7} {_peak(found):>8}"
+        f"{label:>12} {point.peak:8.4f} {_number(margins.gain_db):>8} "
+        f"{_number(margins.phase_deg):>7} {_peak(margins):>8}"
     )
 
 
@@ -104,8 +104,8 @@ def _number(value: float) -> str:
     return f"{value:.1f}" if isfinite(value) else "any" if value > 0.0 else "none"
 
 
-def _peak(found: Margins) -> str:
-    return f"{found.sensitivity:.2f}" if isfinite(found.sensitivity) else "unstable"
+def _peak(margins: Margins) -> str:
+    return f"{margins.sensitivity:.2f}" if isfinite(margins.sensitivity) else "unstable"
 
 
 def draw(report: MarginReport, path: Path) -> None:

@@ -166,12 +166,12 @@ def chosen_services(args: argparse.Namespace) -> tuple[str, ...]:
 
 def _by_key(option: str, pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
     """Return the pairs as a dictionary; a key given twice is refused."""
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     for key, value in pairs:
-        if key in found:
-            raise CanrollError(f"{option} {key}: given twice: keep {found[key]} or {value}")
-        found[key] = value
-    return found
+        if key in values:
+            raise CanrollError(f"{option} {key}: given twice: keep {values[key]} or {value}")
+        values[key] = value
+    return values
 
 
 def choices_of(args: argparse.Namespace, names: Iterable[str] = CHOICES) -> dict[str, Any]:
@@ -183,13 +183,13 @@ def choices_of(args: argparse.Namespace, names: Iterable[str] = CHOICES) -> dict
     given = {name: getattr(args, name, None) for name in names}
     for name in given.keys() & {"options", "conditions"}:
         given[name] = _by_key(CHOICES[name].option, given[name] or ()) or None
-    found = {name: value for name, value in given.items() if value is not None}
+    choices = {name: value for name, value in given.items() if value is not None}
     if "vehicle" in given and getattr(args, "vehicle_set", None):
-        found["vehicle"] = _changed(found, args.vehicle_set)
-    for name, value in found.items():
+        choices["vehicle"] = _changed(choices, args.vehicle_set)
+    for name, value in choices.items():
         if CHOICES[name].kind in (float, int) and not isinstance(value, list):
             CHOICES[name].check(value)
-    return found
+    return choices
 
 
 def _changed(choices: Mapping[str, Any], changes: Sequence[tuple[str, str]]) -> vehicles.Vehicle:

@@ -60,14 +60,14 @@ class Reproduction:
     @property
     def counts(self) -> dict[str, int]:
         """How many rows have each verdict under the paper's conditions."""
-        found = Counter(row.verdict for row in self.rows)
-        return {verdict: found[verdict] for verdict in VERDICTS}
+        tally = Counter(row.verdict for row in self.rows)
+        return {verdict: tally[verdict] for verdict in VERDICTS}
 
     @property
     def counts_ours(self) -> dict[str, int]:
         """How many rows have each verdict on our plant and bus."""
-        found = Counter(row.verdict_ours for row in self.rows)
-        return {verdict: found[verdict] for verdict in VERDICTS if verdict != FITTED}
+        tally = Counter(row.verdict_ours for row in self.rows)
+        return {verdict: tally[verdict] for verdict in VERDICTS if verdict != FITTED}
 
     @property
     def every_section(self) -> Sequence[PaperSection]:
@@ -139,15 +139,15 @@ def _reproduced(name: str) -> Reproduction:
     )
 
 
-def to_json(found: Sequence[Reproduction]) -> dict[str, Any]:
+def to_json(parts: Sequence[Reproduction]) -> dict[str, Any]:
     """Return what ``canroll reproduce --json`` prints."""
     return {
-        "rows": [row.to_json() for part in found for row in part.rows],
-        "counts": {part.paper.name: part.counts for part in found},
-        "counts_ours": {part.paper.name: part.counts_ours for part in found},
-        "answers": {part.paper.name: part.answers for part in found},
+        "rows": [row.to_json() for part in parts for row in part.rows],
+        "counts": {part.paper.name: part.counts for part in parts},
+        "counts_ours": {part.paper.name: part.counts_ours for part in parts},
+        "answers": {part.paper.name: part.answers for part in parts},
         "sections": [
-            section.to_json(part.paper.name) for part in found for section in part.every_section
+            section.to_json(part.paper.name) for part in parts for section in part.every_section
         ],
     }
 
@@ -166,22 +166,22 @@ def legend() -> str:
     )
 
 
-def to_markdown(found: Sequence[Reproduction]) -> str:
+def to_markdown(parts: Sequence[Reproduction]) -> str:
     """Return the tables as Markdown, one section a paper."""
     overview = ("paper", "numbers", *VERDICTS, "reproduced or same ordering on our plant and bus")
     lines = [
         "# The papers' tables, recomputed",
         "",
-        f"**{summary(found)}** Written by `canroll reproduce`.",
+        f"**{summary(parts)}** Written by `canroll reproduce`.",
         "",
         f"| {' | '.join(overview)} |",
         f"| --- |{' ---: |' * (len(overview) - 1)}",
     ]
-    for part in found:
+    for part in parts:
         numbers = (len(part.rows), *part.counts.values(), _met(part.counts_ours))
         lines.append(f"| {part.paper.title} | {' | '.join(map(str, numbers))} |")
     lines += ["", legend(), ""]
-    for part in found:
+    for part in parts:
         lines += [f"## {part.paper.title}", "", f"{_sentence(part.counts)}", ""]
         lines += [*(f"- {answer}" for answer in part.answers), ""]
         for section in part.proofs:
@@ -226,8 +226,8 @@ def _sentence(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {verdict}" for verdict, count in counts.items()) + "."
 
 
-def summary(found: Sequence[Reproduction]) -> str:
+def summary(parts: Sequence[Reproduction]) -> str:
     """Return the verdicts of all papers in one line."""
-    total = sum((Counter(part.counts) for part in found), Counter())
-    rows = sum(len(part.rows) for part in found)
+    total = sum((Counter(part.counts) for part in parts), Counter())
+    rows = sum(len(part.rows) for part in parts)
     return f"{rows} printed numbers: {_sentence({v: total[v] for v in VERDICTS})}"

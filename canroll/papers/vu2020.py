@@ -169,7 +169,7 @@ def recompute() -> Recomputed:
     """Return every number of Tables 3, 4 and 5."""
     tables = printed(PAPER)
     weight = fitted_weight(tables["reduction_db_at_1_rad_s"]["roll"])
-    found = frequency_domain(tables["reduction_db_at_1_rad_s"], weight)
+    rows = frequency_domain(tables["reduction_db_at_1_rad_s"], weight)
     lane_change = tables["double_lane_change"]
     speeds = [float(speed) for speed in lane_change["speed"]]
     cases = [PaperCase(f"{speed:g} km/h", {"speed_kmh": speed}) for speed in speeds]
@@ -177,19 +177,19 @@ def recompute() -> Recomputed:
     ours = runs[STEPS[-1][0]]
     for place, case in enumerate(cases):
         chain = _chain({name: results[case.row] for name, results in runs.items()}, weight)
-        found += _at_speed(lane_change, place, chain)
+        rows += _at_speed(lane_change, place, chain)
     at_100 = ours["100 km/h"]
     section, roll = ideal_beside(PAPER, at_100)
     figures = [*plots(PAPER, "Lane change", ours), *_at_100(at_100), roll]
-    found.sort(key=lambda row: row.table)
-    proofs = [errata(checks(at_100)), unknowns(_unknowns(weight)), _waterfall(found)]
+    rows.sort(key=lambda row: row.table)
+    proofs = [errata(checks(at_100)), unknowns(_unknowns(weight)), _waterfall(rows)]
     headlines = [
         Headline(
             "Table 4, double lane change", f"{case.row}, passive", f"{case.row}, LQR", "roll_rms"
         )
         for case in cases
     ]
-    return Recomputed(found, figures, proofs, [readings(weight), section], headlines)
+    return Recomputed(rows, figures, proofs, [readings(weight), section], headlines)
 
 
 def of_lane_change(
@@ -293,12 +293,12 @@ def frequency_domain(numbers: Mapping[str, float], weight: float) -> list[PaperR
     bars = _reductions(REPAIRED, weight)
     ours = _reductions(REPAIRED, INPUT_WEIGHT)
     roads = _reductions(SAME_TABLE, 1.0, roads=True)
-    found = []
+    rows = []
     for quantity, value in numbers.items():
         name = BODE[quantity]
         internal = name.startswith("hop")
         steps = [PaperStep("feedback on the currents alone", bars[name])] if internal else []
-        found.append(
+        rows.append(
             PaperRow(
                 PAPER,
                 "Table 3, from the steering at 1 rad/s",
@@ -313,7 +313,7 @@ def frequency_domain(numbers: Mapping[str, float], weight: float) -> list[PaperR
                 attribution=(*steps, PaperStep(WEIGHT, ours[name])),
             )
         )
-    return found
+    return rows
 
 
 def _at_speed(lane_change: Mapping[str, Any], place: int, chain: Chain) -> list[PaperRow]:
@@ -321,7 +321,7 @@ def _at_speed(lane_change: Mapping[str, Any], place: int, chain: Chain) -> list[
     speed = f"{lane_change['speed'][place]:g} km/h"
     table = "Table 4, double lane change"
     course = "course, driver and CarSim car not printed"
-    found = [
+    rows = [
         PaperRow(
             PAPER, table, f"{speed}, {words}", "roll_rms", lane_change[key][place],
             **chain.columns(key), group=f"roll_rms.{speed}", finding=course,
@@ -337,14 +337,14 @@ def _at_speed(lane_change: Mapping[str, Any], place: int, chain: Chain) -> list[
     if speed == "100 km/h":
         value = float(lane_change["roll_max_reduction_percent_at_100"])
         lone.append(("Figure 9, double lane change", "roll_max_reduction_percent", value))
-    found += [
+    rows += [
         PaperRow(
             PAPER, table, speed, quantity, value, **chain.columns(quantity),
             finding="E1: the bars are inside the car" if quantity.startswith("fz") else course,
         )
         for table, quantity, value in lone
     ]  # fmt: skip
-    return found
+    return rows
 
 
 def checks(result: Result) -> list[Mapping[str, Value]]:
@@ -432,7 +432,7 @@ def readings(weight: float) -> PaperSection:
         "readings_of_b",
         "Table 3 by reading",
         columns,
-        [{"reading": name, **found} for name, found in (*cases, ("printed", as_printed))],
+        [{"reading": name, **reductions} for name, reductions in (*cases, ("printed", as_printed))],
         "No reading gives roll and wheels together.",
     )
 

@@ -140,7 +140,7 @@ class Yim:
 
 def recompute() -> Recomputed:
     """Return every number of Tables 3 to 6."""
-    found: list[PaperRow] = []
+    rows: list[PaperRow] = []
     figures: list[Figure] = []
     theirs: Yim | None = None
     for key, table, keywords in TABLES:
@@ -162,16 +162,16 @@ def recompute() -> Recomputed:
             scale = fitted_scale(model, lateral, numbers["passive"][0])
             theirs = Yim(first.settings.vehicle, lateral, scale)
         for row, values in numbers.items():
-            found += _rows(key, table, row, values, runs, theirs)
+            rows += _rows(key, table, row, values, runs, theirs)
     assert theirs is not None
     bars = {**COMMON, "actuator": "bars", "observer": "two_sensors"}
-    proofs = [errata(checks(theirs)), unknowns(_unknowns(theirs)), _waterfall(found)]
+    proofs = [errata(checks(theirs)), unknowns(_unknowns(theirs)), _waterfall(rows)]
     sections = [
         design_numbers(PAPER, bars, LAWS, RECOMPUTED),
         on_tyres(theirs.vehicle),
         identification(),
     ]
-    return Recomputed(found, figures, proofs, sections, HEADLINES)
+    return Recomputed(rows, figures, proofs, sections, HEADLINES)
 
 
 def _rows(  # noqa: PLR0917

@@ -180,9 +180,9 @@ def limit_cycle_of(
 
     ``passive``: at least "time" (s) and "roll" (rad) of the run without control.
     """
-    found = limit_cycle.oscillations(controlled.ticks["t"], controlled.ticks["moment"])
+    candidates = limit_cycle.oscillations(controlled.ticks["t"], controlled.ticks["moment"])
     cycles = limit_cycle.unexcited(
-        found, lambda: ((t, roll) for t, roll in pieces(passive, "time", "roll"))
+        candidates, lambda: ((t, roll) for t, roll in pieces(passive, "time", "roll"))
     )
     own = (cycle for cycle in cycles if _goes_on(settings, controller, controlled, cycle))
     return next(own, None)

@@ -211,8 +211,10 @@ class Result:
         xr = optional("xarray", "to_xarray()", "notebook")
         both = [passive, self.controlled.to_xarray()]
         runs = xr.Variable("run", ["passive", "controlled"])
-        found: xarray.Dataset = xr.concat(both, runs, join="outer", combine_attrs="drop_conflicts")
-        return found
+        dataset: xarray.Dataset = xr.concat(
+            both, runs, join="outer", combine_attrs="drop_conflicts"
+        )
+        return dataset
 
     def to_pandas(self) -> "pandas.DataFrame":
         """Return the signals of both runs as columns (run, signal) over "time".
@@ -345,8 +347,8 @@ class Result:
         return {"key": key, "refused": {"ecu": ecu, "actuators": actuators}}
 
     def _phase_json(self) -> dict[str, float | None]:
-        chosen, found = self.settings.phase, self.phase
+        chosen, achieved = self.settings.phase, self.phase
         return {
             "chosen": None if chosen is None else round(1e3 * chosen, 9),
-            **({} if found is None else {k: 1e3 * v for k, v in asdict(found).items()}),
+            **({} if achieved is None else {k: 1e3 * v for k, v in asdict(achieved).items()}),
         }

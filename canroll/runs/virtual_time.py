@@ -155,7 +155,7 @@ def connected(world: World, ecu: NativeEcu) -> Connection:
     for ident, length in sent:
         if length:
             world.check_frame(ident, length)
-    received = [(ident, number) for ident, its in messages.items() for number in its]
+    received = [(ident, number) for ident, numbers in messages.items() for number in numbers]
     places = ecu.record.array.dtype.fields
     assert places is not None
     payloads, payloads_at = places["tx_payload"][:2]

@@ -97,9 +97,9 @@ def _other_rates(profile: BusProfile) -> Iterator[str]:
         "BaudrateCANFD": profile.data_bitrate or profile.bitrate,
     }
     for path, (name, rate) in product(each(profile.dbc), rates.items()):
-        said = attribute(read(path)[0], name)
-        if said and said != rate:
-            yield f"{path}: its {name} is {said} bit/s, that of bus {profile.name} {rate}"
+        declared = attribute(read(path)[0], name)
+        if declared and declared != rate:
+            yield f"{path}: its {name} is {declared} bit/s, that of bus {profile.name} {rate}"
 
 
 def _lacking(profile: BusProfile, bus: BusMap, record: Calibration) -> Iterator[str]:

@@ -115,8 +115,8 @@ def one_or_several(given: str | Path | Sequence[str | Path] | None) -> str | tup
     """Return one value as a text, several as a tuple; a list of one is that one."""
     if given is None or isinstance(given, str | Path):
         return None if given is None else str(given)
-    found = tuple(map(str, given))
-    return found[0] if len(found) == 1 else found
+    texts = tuple(map(str, given))
+    return texts[0] if len(texts) == 1 else texts
 
 
 def as_text(given: Path | str | None) -> str | None:

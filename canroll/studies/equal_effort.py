@@ -346,9 +346,9 @@ class _Driver:
         without = at(1.0)
         allowed = (1.0 + TOLERANCE) * np.mean(without.figures[:, columns], axis=0)
         for factor in STIFFER:
-            found = at(factor)
-            if np.all(np.mean(found.figures[:, columns], axis=0) <= allowed):
-                return self._of(entry, found)
+            run = at(factor)
+            if np.all(np.mean(run.figures[:, columns], axis=0) <= allowed):
+                return self._of(entry, run)
         return self._of(entry, without)
 
     def reference(self, entry: EffortEntry) -> tuple[float, list[EffortRow]]:
@@ -361,14 +361,14 @@ class _Driver:
             return tried[-1]
 
         try:
-            found = at_rest(at)
+            run = at_rest(at)
         except CanrollError as error:
             raise CanrollError(f"{entry.name}, the reference for the moment, is {error}") from error
         rows = []
-        if found.factor < 1.0:
+        if run.factor < 1.0:
             designed = replace(entry, name=f"{entry.name} as designed", scaled=False)
             rows.append(self._of(designed, tried[0]))
-        return found.effort, [*rows, self._of(entry, found)]
+        return run.effort, [*rows, self._of(entry, run)]
 
     def row(self, entry: EffortEntry, effort: float) -> EffortRow:
         """Return the results of a law at ``effort``, N·m, or at its designed effort."""
@@ -384,27 +384,25 @@ class _Driver:
         refused = ""
         some, roll = where[:SEARCHED], self.passive[:SEARCHED]
         try:
-            found = at_budget(lambda factor: driven(some, controller, roll, factor=factor), effort)
+            run = at_budget(lambda factor: driven(some, controller, roll, factor=factor), effort)
         except BudgetError as error:
-            found, refused = error.nearest, str(error)
+            run, refused = error.nearest, str(error)
         if self.runs > SEARCHED:
-            found = driven(where, controller, self.passive, factor=found.factor)
-        off = found.effort / effort - 1.0
+            run = driven(where, controller, self.passive, factor=run.factor)
+        off = run.effort / effort - 1.0
         if not refused and abs(off) > EFFORT_TOLERANCE:
             refused = f"misses the RMS moment by {100 * off:+.1f} %"
-        return self._of(entry, found, refused)
+        return self._of(entry, run, refused)
 
-    def _of(self, entry: EffortEntry, found: EffortRun, refused: str = "") -> EffortRow:
-        efforts = found.figures[:, MOMENT_RMS]
+    def _of(self, entry: EffortEntry, run: EffortRun, refused: str = "") -> EffortRow:
+        efforts = run.figures[:, MOMENT_RMS]
         least = [
             degrees(passive.bound.at(effort))
             for passive, effort in zip(self.passive, efforts, strict=True)
         ]
         silent = entry.keywords["law"] == PASSIVE
         bound = np.full(len(least), np.nan) if silent else np.array(least)
-        return EffortRow(
-            entry, found.factor, found.figures, bound, refused, found.cycles, found.oscillates
-        )
+        return EffortRow(entry, run.factor, run.figures, bound, refused, run.cycles, run.oscillates)
 
 
 def table(comparison: EffortComparison) -> list[str]:

@@ -84,8 +84,8 @@ def without_control(settings: Settings, controller: PreparedController) -> Trace
     """
     body = bodies.body(settings.plant)
     if settings.actuator in MOVING or body.outside is not None:
-        whole = replace(settings, faults=())
-        return drive(whole, controller, enabled=False, kept=NEEDED)
+        healthy = replace(settings, faults=())
+        return drive(healthy, controller, enabled=False, kept=NEEDED)
     maneuver = maneuver_of(settings)
     outputs, steer = open_loop.run_passive(settings.vehicle, body, maneuver)
     end_ns = _end_ns(settings, len(outputs) * STEP_NS, maneuver.duration_ns)

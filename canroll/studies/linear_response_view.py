@@ -35,16 +35,16 @@ UNITS = {
 }
 
 
-def lines(found: LinearResponse, where: str) -> Iterable[str]:
+def lines(answer: LinearResponse, where: str) -> Iterable[str]:
     """Yield the tables as text."""
-    trim = found.trim
+    trim = answer.trim
     yield where
     yield (
         f"road wheels at {_rounded(np.degrees(trim.inputs[ports.STEER]))}°, "
         f"roll {_rounded(np.degrees(trim.outputs[ports.ROLL]))}°"
     )
     yield from ("", f"{'Hz':>8} {'damping':>8} {'pole 1/s':>16}  motion")
-    for mode in found.modes:
+    for mode in answer.modes:
         pole = f"{mode.pole.real:.1f}"
         if mode.pole.imag:
             pole += f" ± {mode.pole.imag:.1f}j"
@@ -59,19 +59,19 @@ def lines(found: LinearResponse, where: str) -> Iterable[str]:
         yield f"{'Hz':>6}" + "".join(f"{head:>18}" for head in heads)
         columns = [
             _scaled(response, unit, u)
-            for response, u in zip(found.plant[name].values(), units, strict=True)
+            for response, u in zip(answer.plant[name].values(), units, strict=True)
         ]
         for i in range(0, FREQUENCIES.size, SHOWN_EVERY):
             cells = (f"{gain[i]:12.4g}{phase[i]:6.0f}" for gain, phase in columns)
             yield f"{FREQUENCIES[i]:6.2f}" + "".join(cells)
     yield ""
-    yield from _distance_lines(found)
+    yield from _distance_lines(answer)
 
 
-def _distance_lines(found: LinearResponse) -> Iterable[str]:
-    distance = found.distance
+def _distance_lines(answer: LinearResponse) -> Iterable[str]:
+    distance = answer.distance
     if distance is None:
-        yield f"no design model at this trim: {found.why_not}"
+        yield f"no design model at this trim: {answer.why_not}"
         return
     yield f"distance to the design model, 0.1 to {FREQUENCIES[-1]:g} Hz, % of the plant's peak"
     yield f"{'':>10}" + "".join(f"{name:>16}" for name in NAMES.values())
@@ -94,7 +94,7 @@ def _scaled(
     return (np.degrees(gain) if "°" in unit else gain), phase
 
 
-def draw(found: LinearResponse, where: str, path: Path) -> None:
+def draw(answer: LinearResponse, where: str, path: Path) -> None:
     """Write gains and phases of the plant, and dashed of the design model, as a PNG.
 
     Raises:
@@ -108,10 +108,10 @@ def draw(found: LinearResponse, where: str, path: Path) -> None:
         for i, name in enumerate(EXCITATIONS):
             per, unit, units = UNITS[name]
             runs: dict[str, tuple[str, Mapping[str, NDArray[np.complex128]]]] = {
-                "plant": ("-", found.plant[name])
+                "plant": ("-", answer.plant[name])
             }
-            if found.design is not None:
-                runs["design model"] = ("--", found.design[name])
+            if answer.design is not None:
+                runs["design model"] = ("--", answer.design[name])
             for j, key in enumerate(MEASURED):
                 gains, phases = axes[2 * i, j], axes[2 * i + 1, j]
                 for label, (style, responses) in runs.items():
