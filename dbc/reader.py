@@ -94,8 +94,8 @@ def paths_of(given: str | Path | Sequence[str | Path]) -> Files:
     """Return a path, or the paths of a list; a list of one is that path."""
     if isinstance(given, str | Path):
         return Path(given)
-    found = tuple(map(Path, given))
-    return found[0] if len(found) == 1 else found
+    paths = tuple(map(Path, given))
+    return paths[0] if len(paths) == 1 else paths
 
 
 def each(files: Files) -> tuple[Path, ...]:
@@ -118,8 +118,8 @@ def network(files: Files) -> NetworkDescription:
     for path in paths:
         if paths.count(path) > 1:
             raise CanrollError(f"{path}: given twice as a network description: omit one")
-    found = tuple(map(network_file, paths))
-    return NetworkDescription(_joined(found), found)
+    sources = tuple(map(network_file, paths))
+    return NetworkDescription(_joined(sources), sources)
 
 
 @lru_cache(maxsize=8)

@@ -69,12 +69,12 @@ def design_rate_gain(law: str, task: Task, *, epsilon: float = 0.0) -> Solution:
     }
     checks = {"peak_ratio": below(best.peak_ratio, 1.0, best.where)}
     notes: tuple[str, ...] = ()
-    found, clock = _certified(family, family.members[0], best.gain, epsilon)
-    if found is None:
+    level, clock = _certified(family, family.members[0], best.gain, epsilon)
+    if level is None:
         notes = (f"{law}: no level is certified for a delay that changes, only stability",)
     else:
-        extra["certified_peak_ratio"] = found.ratio
-        checks["lmi_level"] = found.check
+        extra["certified_peak_ratio"] = level.ratio
+        checks["lmi_level"] = level.check
     if epsilon:
         extra["epsilon_squared"] = epsilon**2
         peak = family.margins(static_controller(task, best.gain)).worst_sensitivity

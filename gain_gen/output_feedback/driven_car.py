@@ -92,7 +92,7 @@ def driven_car(task: Task, family: Family) -> DrivenCar:
 
     pure = max(family.delays[len(family.delays) // 2] - family.members[0].filtered, 0.0)
     sampled = held(a, entering, tick=tick, delay=pure)
-    whole, command = sampled.delayed()
+    phi, command = sampled.delayed()
     lines = sampled.steps
     driven = np.zeros((size + lines, 3))
     # white noise over a tick acts almost as its mean held: the car moves slowly against the tick
@@ -105,7 +105,7 @@ def driven_car(task: Task, family: Family) -> DrivenCar:
     measured[2, angle] = vehicle.lateral_gain(NOMINAL.speed)
     known = (task.noise.roll_rate, task.noise.lateral, 0.0)
     return DrivenCar(
-        a=whole,
+        a=phi,
         driven=driven,
         command=command,
         rolled=rolled,
