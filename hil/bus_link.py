@@ -129,9 +129,9 @@ class CanLink:
     def next(self, timeout: float) -> Frame | None:
         """Return the next data frame, or None after ``timeout`` seconds."""
         until = time.monotonic() + timeout
-        while (found := self._recv(max(0.0, until - time.monotonic()))) is not None:
-            if found[1] is not None:
-                return found[1]
+        while (message := self._recv(max(0.0, until - time.monotonic()))) is not None:
+            if message[1] is not None:
+                return message[1]
         return None
 
     def _taken(self, message: can.Message) -> Frame | None:
@@ -147,8 +147,8 @@ class CanLink:
 
     def _waiting(self) -> list[tuple[can.Message, Frame | None]]:
         waiting = []
-        while (found := self._recv(0.0)) is not None:
-            waiting.append(found)
+        while (message := self._recv(0.0)) is not None:
+            waiting.append(message)
         return waiting
 
     def _recv(self, timeout: float) -> tuple[can.Message, Frame | None] | None:

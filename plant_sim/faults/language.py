@@ -32,9 +32,9 @@ class Fault(schedule.ScheduledFault):
 
     def __str__(self) -> str:
         """Return the text that :func:`parse` reads."""
-        found = kind_of(self)
+        kind = kind_of(self)
         text = f"{self.where}={self.kind}"
-        if found.value:
+        if kind.value:
             text += f":{self.value!r}"
         if self.start or self.end < math.inf or self.ramp:
             text += f"@{self.start!r}"

@@ -98,8 +98,8 @@ def read(path: Path, plant_map: PlantMap) -> Fmu:
         version=version,
         identifier=described.coSimulation.modelIdentifier,
         token=described.guid if version == 2 else described.instantiationToken,
-        references={name: its.valueReference for name, its in used.items()},
-        types={name: its.type for name, its in used.items()},
+        references={name: entry.valueReference for name, entry in used.items()},
+        types={name: entry.type for name, entry in used.items()},
         factors=factors,
     )
 

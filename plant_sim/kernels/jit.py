@@ -243,8 +243,8 @@ class Linked:
         def address(typing_context: Any) -> Any:  # noqa: ANN401
             def lower(context: Any, builder: Any, _: Any, arguments: Any) -> Any:  # noqa: ANN401
                 kind = context.get_value_type(word)
-                found = builder.module.globals.get(name)
-                place = found or cgutils.add_global_variable(builder.module, kind, name)
+                existing = builder.module.globals.get(name)
+                place = existing or cgutils.add_global_variable(builder.module, kind, name)
                 return builder.load(place)
 
             return word(), lower

@@ -345,8 +345,8 @@ def load() -> Codec:
         names = [signal.name for signal in message.signals]
         for k, signal in enumerate(message.signals):
             _contract_field(codec, int(row[FIRST]) + k, signal, int(row[FIRST]), names)
-        its = protection(message, None, (), dbc.PATH.name)
-        e2e.put(codec.protection[index], codec.terms[index], codec.crc[index], its)
+        terms = protection(message, None, (), dbc.PATH.name)
+        e2e.put(codec.protection[index], codec.terms[index], codec.crc[index], terms)
     return codec
 
 
@@ -413,7 +413,7 @@ def of_map(bus: BusMap, frames: Mapping[int, Mapping[str, Signal]] | None = None
     for ident, leader in leaders.items():
         mapped = {part.name for b in bus.frames if b.ident == ident for part in _parts(b)}
         there = (frames or {}).get(ident, {})
-        _place_rest(codec, leader, {n: its for n, its in there.items() if n not in mapped})
+        _place_rest(codec, leader, {n: signal for n, signal in there.items() if n not in mapped})
     return codec
 
 
@@ -433,7 +433,7 @@ def _place_rest(codec: Codec, leader: int, rest: Mapping[str, Signal]) -> None:
         row = codec.message[index]
         if row[LENGTH] and row[LEADER] != leader:
             continue
-        found = {
+        candidates = {
             signal.name: rest[signal.name]
             for signal in message.signals
             if signal.name in rest
@@ -441,13 +441,13 @@ def _place_rest(codec: Codec, leader: int, rest: Mapping[str, Signal]) -> None:
             and signal.name not in OF_THE_FRAME
         }
         values = {signal.name for signal in message.signals} - OF_THE_FRAME
-        if not row[LENGTH] and found.keys() == values:
+        if not row[LENGTH] and candidates.keys() == values:
             own = row[[FIRST, END, CONTRACT]].copy()
             row[:] = codec.message[leader]
             row[[FIRST, END, CONTRACT]] = own
         if row[LENGTH]:
             names = [signal.name for signal in message.signals]
-            for name, signal in found.items():
+            for name, signal in candidates.items():
                 at, first = signal_index(message.name, name), int(row[FIRST])
                 _contract_field(codec, at, signal, first, names)
 

@@ -159,27 +159,27 @@ def frames(
 
 def _target(fault: Fault, tables: Codec, nodes: SensorTables) -> tuple[int, NDArray[np.int64]]:
     """Return the message of a fault of frames, and the rows of its signal and sample counter."""
-    found = np.full(2, -1, dtype=np.int64)
+    places = np.full(2, -1, dtype=np.int64)
     if fault.where == kinds.BUS:
-        return frame_kernel.EVERY_MESSAGE, found
+        return frame_kernel.EVERY_MESSAGE, places
     message, _, signal = fault.where.removeprefix(kinds.ATTACKER_PREFIX).partition(".")
     row = codec.message_index(message)
     if not tables.message[row, codec.LENGTH]:
         raise CanrollError(f"fault '{fault}': {message} is not on this bus")
     if signal:
-        found[0] = codec.signal_index(message, signal)
-        if not tables.field[found[0], codec.PIECES]:
+        places[0] = codec.signal_index(message, signal)
+        if not tables.field[places[0], codec.PIECES]:
             raise CanrollError(f"fault '{fault}': the map has no such signal")
-        row = int(tables.field[found[0], codec.FRAME])
+        row = int(tables.field[places[0], codec.FRAME])
     sampled = nodes.node[nodes.node[:, sensor_kernel.MESSAGE] == row]
     if len(sampled):
         counter = int(sampled[0, sensor_kernel.SAMPLE_SIGNAL])
         here = tables.field[counter, codec.PIECES] and tables.field[counter, codec.FRAME] == row
-        found[1] = counter if here else -1
+        places[1] = counter if here else -1
     if fault.kind == "wrong_length" and fault.value > tables.message[row, codec.LENGTH]:
         length = int(tables.message[row, codec.LENGTH])
         raise CanrollError(f"fault '{fault}': {message} has {length} bytes: give fewer")
-    return row, found
+    return row, places
 
 
 def add_attackers(clock: NDArray[np.int64], network: can_bus.Network) -> None:

@@ -248,9 +248,9 @@ def _deliver(world: LoopMemory, network: bus.State, commands: NDArray[np.int64])
         ):
             # a command of the ECU that somebody else has sent
             _hand_over(world, row, entry, entry.payload)
-        its = world.actuators.envelope
+        monitor = world.actuators.envelope
         if (
-            row == its.place[envelope.FRAME]
+            row == monitor.place[envelope.FRAME]
             and entry.segment == clock[ACTUATOR_SEGMENT]
             and bus.took(entry.outcome, entry.missed, bus.ACTUATOR)
             and bus.hears(network, bus.ACTUATOR, entry.t_received)
@@ -259,7 +259,7 @@ def _deliver(world: LoopMemory, network: bus.State, commands: NDArray[np.int64])
             if authentication.verify(
                 world.authentication, world.tables, row, entry.payload, entry.t_received
             ):
-                envelope.hear(its, world.tables, supervision, entry.payload, entry.t_received)
+                envelope.hear(monitor, world.tables, supervision, entry.payload, entry.t_received)
                 if _forged(world, entry):
                     clock[FORGED] += 1
         receiver = bus.ACTUATOR if role == FOR_ACTUATOR else bus.ECU

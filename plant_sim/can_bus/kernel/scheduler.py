@@ -276,15 +276,15 @@ def _start(bus: State, which: int, slot: int, twin: int, now: int) -> None:
     # a division costs as much as stuffing the frame: most bit times are whole nanoseconds
     if segment.bit_ns > 0:
         taken = (nominal - RECEPTION_BITS_BEFORE_END) * segment.bit_ns
-        whole = nominal * segment.bit_ns
+        nominal_ns = nominal * segment.bit_ns
     else:
         taken = duration_ns(nominal - RECEPTION_BITS_BEFORE_END, segment.bitrate)
-        whole = duration_ns(nominal, segment.bitrate)
+        nominal_ns = duration_ns(nominal, segment.bitrate)
     segment.in_flight = slot
     segment.twin = twin
     segment.start_ns = now
     segment.done_ns = now + fast + taken + segment.propagation_ns
-    segment.end_ns = now + fast + whole
+    segment.end_ns = now + fast + nominal_ns
     segment.disturbance = NO_ERROR
     segment.missed = -1
     segment.transmissions += 1

@@ -143,7 +143,7 @@ def _listed(
     """What a gateway lists; None: it lists nothing."""
     if gateway.messages is None:
         return None
-    found: set[_Key] = set()
+    keys: set[_Key] = set()
     for entry in gateway.messages:
         meant = {
             _key(m)
@@ -156,8 +156,8 @@ def _listed(
             if isinstance(entry, str):
                 raise UnknownNameError(what, entry, sorted(set(names)))
             raise CanrollError(f"{what}: no message of the network has identifier 0x{entry:X}")
-        found |= meant
-    return frozenset(found)
+        keys |= meant
+    return frozenset(keys)
 
 
 def _own_way(
@@ -220,11 +220,11 @@ def _check_identifiers(topology: Topology, routed: Sequence[RoutedMessage], own:
     """Refuse two messages of one identifier on a segment, unless both are background of its own."""
     for segment, place in enumerate(topology.segments):
         seen: dict[int, tuple[str, bool]] = {}
-        for number, found in enumerate(routed):
-            if segment not in found.segments:
+        for number, route in enumerate(routed):
+            if segment not in route.segments:
                 continue
-            message = found.message
-            comes = number < own or found.home != segment
+            message = route.message
+            comes = number < own or route.home != segment
             other, came = seen.setdefault(message.arbitration_key, (message.name, comes))
             if other != message.name and (comes or came):
                 raise CanrollError(
