@@ -120,7 +120,7 @@ def read_apart(program: str, path: Path) -> bytes:
         path: the file.
 
     Raises:
-        ValueError: the program failed; the message is the last line of what it said, if any.
+        ValueError: the program failed; the message is the last line of its output, if any.
     """
     done = subprocess.run(
         [sys.executable, "-c", program, str(path)], capture_output=True, check=False

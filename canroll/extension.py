@@ -33,7 +33,7 @@ def load(what: str, reference: str) -> Any:  # noqa: ANN401
 
     Args:
         what: kind of object, such as "law", for error messages.
-        reference: a file is relative to the current folder and can import modules beside it.
+        reference: a file is relative to the current folder and can import modules of its folder.
 
     Raises:
         CanrollError: no such file, module or name, or its import fails.
@@ -61,7 +61,7 @@ def _from_file(path: Path) -> ModuleType:
     assert spec.loader is not None
     module = module_from_spec(spec)
     if str(path.parent) not in sys.path:
-        # last, so that nothing beside the file hides an installed package
+        # last, so that no file of its folder hides an installed package
         sys.path.append(str(path.parent))
     sys.modules[key] = module
     try:

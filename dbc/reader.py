@@ -61,7 +61,7 @@ class NetworkDescription:
     """A network description.
 
     Attributes:
-        database: the messages of all files, each with the attributes of its own.
+        database: the messages of all files, each with its attributes.
         files: what it was read from.
     """
 
@@ -144,7 +144,7 @@ def network_file(path: Path) -> NetworkFile:
         if path.suffix.lower() == ".dbc":
             return _of_dbc(path, path.read_bytes())
         return _of_others(path)
-    except Exception as error:  # cantools lets through whatever its parsers raise
+    except Exception as error:  # cantools passes on any error of its parsers
         raise CanrollError(
             f"{path}: not a readable DBC, KCD, ARXML or SYM: {reason(error)}"
         ) from error
@@ -169,7 +169,7 @@ def _of_dbc(path: Path, data: bytes) -> NetworkFile:
         try:
             database = cantools.database.load_string(text, "dbc")
             return NetworkFile(path, database, _warnings(path, _shared(database)))
-        except Exception as error:  # cantools lets through whatever its parsers raise
+        except Exception as error:  # cantools passes on any error of its parsers
             strict = error
         try:
             database = cantools.database.load_string(text, "dbc", strict=False)

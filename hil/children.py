@@ -133,7 +133,7 @@ def check_ended(child: ChildProgram) -> None:
         raise VerdictError(
             f"not valid: the {child.name} does not end within {GRACE:g} s"
         ) from error
-    # one that had ended by itself, its files written, dies of being asked to
+    # a child that already wrote its files may still be killed by our SIGTERM
     if child.running.returncode not in (0, -signal.SIGTERM):
         raise child.failure()
 

@@ -133,7 +133,7 @@ class AttackedWorld(World):
     """
 
     def attack(self, forge: Forge, start_ns: int, *, seed: int) -> None:
-        """Let ``forge`` send from ``start_ns`` on; it listens from now on."""
+        """Start ``forge`` at ``start_ns``; it listens from now on."""
         memory = self.parts.memory[0]
         clock = memory["frames"]["clock"]
         fault_parts.add_attackers(clock, self.network)

@@ -118,7 +118,7 @@ def read(written: object, where: str) -> Distribution:
         where: file and key, for messages.
 
     Raises:
-        CanrollError: it cannot be; the message names file and key.
+        CanrollError: it is invalid; the message names file and key.
     """
     if not isinstance(written, Mapping) or not written:
         example = "{uniform = [0.9, 1.1]}"

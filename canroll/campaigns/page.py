@@ -112,8 +112,8 @@ def influence_table(campaign: Campaign) -> PageTable | None:
         "Of the largest roll angle with control, over the first "
         f"{count_of(campaign.summary.sample)} draws: share of its variance explained by one "
         "quantity alone, Spearman's correlation with it and with its reduction by control; the "
-        "probability that the quantity tells a failing draw from a good one (0.5: no better than "
-        "chance; blank: too few failures)."
+        "probability that the quantity separates a failing draw from a good one (0.5: no better "
+        "than chance; blank: too few failures)."
     )
     return PageTable("What matters", head, rows, note) if rows else None
 

@@ -1,4 +1,4 @@
-"""What the draws depend on: ranks, first-order indices, and what tells failures from the rest."""
+"""Influences on the draws: ranks, first-order indices, what separates failures from the rest."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ BINS = 20
 LEAST_BIN = 10
 """Draws of a bin, at least."""
 LEAST_FAILED = 5
-"""Failing draws, below which nothing is said about what predicts them."""
+"""Least number of failing draws for a statement about what predicts them."""
 MARGIN_DRAWS = 60
 """Failing draws, and as many good ones, whose linear margins are computed."""
 MARGINS = ("gain margin (dB)", "phase margin (deg)", "modulus margin 1/Ms")
@@ -38,7 +38,7 @@ class Influence:
             index, from the draws' conditional means).
         rank_reduction: Spearman's correlation with the reduction of the roll angle by control.
         separates: probability that the quantity is farther to one side in a failing draw than in a
-            good one; 0.5: it tells nothing; None with few failures, or without order.
+            good one; 0.5: no information; None with few failures, or without order.
     """
 
     name: str
@@ -113,7 +113,7 @@ def _good(rows: Columns) -> Columns:
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """A linear margin beside the failures: its median in failing and good draws."""
+    """A linear margin and the failures: median of the margin in failing and good draws."""
 
     name: str
     failed: float
@@ -122,7 +122,7 @@ class Prediction:
 
 
 def predictions(plan: CampaignPlan, summary: Summary) -> list[Prediction]:
-    """Return how well each linear margin of the drawn vehicles tells failures from good draws.
+    """Return how well each linear margin of the drawn vehicles separates failures from good draws.
 
     The margins are those of the frozen controller on each vehicle at its own speed, driving
     straight, at the longest delay of its bus. Empty with few failures, or for a vehicle without a

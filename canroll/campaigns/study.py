@@ -1,4 +1,4 @@
-"""A campaign: drive the chunks of a plan that are not there yet, and sum up the table."""
+"""A campaign: run the missing chunks of a plan and summarise the results."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -252,7 +252,7 @@ def _merge(args: argparse.Namespace) -> int:
         raise CanrollError("merge: name the --out folders of the shards")
     arguments = store.plan_in(folders[0]).get(store.ARGUMENTS)
     if not isinstance(arguments, list) or not all(isinstance(word, str) for word in arguments):
-        raise CanrollError(f"{folders[0]}: its plan has no command line: write it anew by a shard")
+        raise CanrollError(f"{folders[0]}: plan.json records no command line: run a shard again")
     planned = parse(arguments)
     planned.out, planned.json, planned.jobs = args.out, args.json, args.jobs
     planned.shard, planned.resume = None, True

@@ -81,7 +81,8 @@ COMMANDS = {
         handler="vehicle_tests:understeer",
     ),
     "vehicle": Subcommand(
-        "a vehicle file from mass and size; a vehicle beside its class", "run_parsers:vehicle"
+        "a vehicle file from mass and size; a vehicle compared with its class",
+        "run_parsers:vehicle",
     ),
     "fit": Subcommand("a vehicle's numbers from a measured drive", "run_parsers:fit"),
     "response": Subcommand(

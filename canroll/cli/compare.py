@@ -26,7 +26,7 @@ from plant_sim.driving import MANEUVERS
 
 
 def refuse_vehicle_set(args: argparse.Namespace, texts: Iterable[str]) -> None:
-    """Refuse numbers of the vehicle beside runs that have a vehicle themselves."""
+    """Refuse numbers of the vehicle with runs that already have a vehicle."""
     for text in texts if args.vehicle_set else ():
         if {"vehicle", "calibration"} & comparison.describe(text).keys():
             raise CanrollError(

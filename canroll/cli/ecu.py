@@ -265,7 +265,7 @@ def replay_drive(
     backend: str,
     key: bytes,
 ) -> int:
-    """Drive the firmware with a bus log and show what it made of it.
+    """Drive the firmware with a bus log and show its response.
 
     Raises:
         CanrollError: an unreadable log, or none of its frames.

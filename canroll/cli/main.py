@@ -32,7 +32,7 @@ REGISTRIES: dict[str, Registry[Any]] = {
     "buses": BUSES,
     "bodies": BODIES,
 }
-"""What can be listed beside the vehicles, and added to by others."""
+"""Further lists of ``canroll list``; extensions add to them."""
 
 PLAIN = {
     **{"°": " deg", "−": "-", "–": "-", "—": "-", "±": "+-", "·": ".", "×": "x", "…": "..."},

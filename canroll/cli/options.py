@@ -150,7 +150,7 @@ def _shown(default: Any) -> str:  # noqa: ANN401
 
 
 def add_services(parser: Parser) -> None:
-    """Add the services beside the loop."""
+    """Add the options of the services."""
     parser.add_argument(
         "--xcp", action="store_true", help="with XCP: measure, calibrate, change pages"
     )
@@ -160,7 +160,7 @@ def add_services(parser: Parser) -> None:
 
 
 def chosen_services(args: argparse.Namespace) -> tuple[str, ...]:
-    """Return the services beside the loop that were chosen."""
+    """Return the chosen services."""
     return tuple(name for name in SERVICES if getattr(args, name))
 
 

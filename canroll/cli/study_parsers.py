@@ -59,7 +59,7 @@ def campaign(parser: Parser) -> None:
         excludes={**one, **rare},
         type=float,
         metavar="WIDTH",
-        help="stop when the 95 %% interval of the event's probability is as narrow",
+        help="stop when the 95 %% interval of the event's probability is at most this wide",
     )
     parser.add_argument(
         "--event",

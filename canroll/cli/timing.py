@@ -222,7 +222,7 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
         "stack, bytes": run.stack,
         "code, bytes": size.text,
         "constant tables, bytes": size.tables,
-        "memory of its own, bytes": size.static,
+        "static memory, bytes": size.static,
         "state record, bytes": size.state,
         "calibration record, bytes": size.calibration,
         "heap or floating point": ", ".join(size.forbidden) or "none linked",

@@ -45,7 +45,7 @@ void body_image(void *record);
 
 
 def write(path: Path, vehicle: Vehicle, body: Body, maneuver: Maneuver, *, title: str) -> Path:
-    """Write the vehicle to ``path``, and its map beside it; return the map's path.
+    """Write the vehicle to ``path``, and its map next to it; return the map's path.
 
     Args:
         path: the FMU, replaced if it exists.

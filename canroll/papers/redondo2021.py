@@ -286,7 +286,7 @@ def checks(theirs: Redondo) -> list[Mapping[str, Value]]:
 
 
 def load_transfer(theirs: Redondo) -> PaperSection:
-    """Return the printed load transfer over the printed roll, beside the paper's formula."""
+    """Return the printed load transfer over the printed roll, and the paper's formula."""
     rows: list[dict[str, Value]] = []
     for test, *_ in TESTS:
         for row, numbers in printed(PAPER)[test].items():

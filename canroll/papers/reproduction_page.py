@@ -28,9 +28,7 @@ def _overview(parts: Sequence[Reproduction]) -> PageTable:
     for part in parts:
         ours = list(part.counts_ours.values())[:2]
         rows.append([part.paper.title, *map(str, (*part.counts.values(), *ours))])
-    return PageTable(
-        "What comes out", head, rows, notes=[a for part in parts for a in part.answers]
-    )
+    return PageTable("Summary", head, rows, notes=[a for part in parts for a in part.answers])
 
 
 def _tables(part: Reproduction, first: int) -> list[PageTable]:

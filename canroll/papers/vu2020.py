@@ -144,7 +144,7 @@ BODE = {
     "force_rear_right": "hop_rl_db",
 }
 SAME_TABLE = replace(AS_PRINTED, valves=REPAIRED.valves)
-"""Table 2 number by number; of Table 1 the misprints mended, without which the bars are idle."""
+"""Table 2, and Table 1 without those misprints with which the bars are idle."""
 STEPS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("compensator, ECU and bus", {"conditions": IDEAL_SENSORS}),
     ("sensor noise, bias, filter, latency", {}),
@@ -416,7 +416,7 @@ def readings(weight: float) -> PaperSection:
         ("currents, weight 1, pressures in MPa", _reductions(REPAIRED, 1.0)),
         ("currents, weight 1, pressures in Pa", _pascal()),
         ("currents and roads, weight 1, Table 2", _reductions(SAME_TABLE, 1.0, roads=True)),
-        ("currents and roads, mended car", _reductions(REPAIRED, 1.0, roads=True)),
+        ("currents and roads, corrected car", _reductions(REPAIRED, 1.0, roads=True)),
     )
     numbers = printed(PAPER)["reduction_db_at_1_rad_s"]
     as_printed = {"roll_db": numbers["roll"], "roll_rate_db": numbers["roll_rate"]}

@@ -52,7 +52,7 @@ COMMON: dict[str, Any] = {
 }
 FRICTION = 0.6
 LEAST_GAIN = 1.0
-"""Percent of the largest roll angle from which on RLS is said to help."""
+"""Percent of the largest roll angle above which the paper claims that RLS helps."""
 TABLES: tuple[tuple[str, str, dict[str, Any]], ...] = (
     ("aarb_case2", "Table 3, bars, case 2", {"actuator": "bars"}),
     ("aarb_case3", "Table 4, bars, case 3", {"actuator": "bars", "identification": True}),

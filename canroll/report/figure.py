@@ -22,7 +22,7 @@ def pack(values: ArrayLike) -> str:
 def thin(x: NDArray[Any], y: NDArray[Any], points: int = POINTS_MAX) -> tuple[Any, Any]:
     """Return both ends of a curve and the smallest and largest value of each stretch.
 
-    They are at most ``points`` beside the ends.
+    They are at most ``points``, and the ends.
     """
     return thin_pieces([(x, y)], len(x), points)
 

@@ -42,9 +42,9 @@ NO_ROLL = (
     "on banked or uneven roads and with a wheel in the air, where it is undefined."
 )
 PLAYBACK_STEP = 0.02
-"""Time between two pictures of the playback, s, and of a longer run so much longer…"""
+"""Least time between two pictures of the playback, s."""
 PICTURES = 30_000
-"""…that there are no more than these."""
+"""Most pictures of a playback; those of a longer run are further apart."""
 TIMING_PLOTS = (
     ("jitter", "Start after the deadline", (("tick", "start_jitter"), ("plant", "plant_jitter"))),
     ("tick", "Duration of a tick, including its frames", (("tick", "tick"),)),

@@ -91,7 +91,7 @@ def _run(run: Shown, described: Collection[str]) -> dict[str, Any]:
 
 
 def _signals(trace: Trace) -> dict[str, Any]:
-    """Return time and all signals, with a few quantities made of them."""
+    """Return time and all signals, with a few quantities derived from them."""
     stride = -(-row_count(trace.signals) // INSTANTS_MAX)
     made = {"moment": (MOMENT, "N·m")}
     if has_wheel_loads(trace):

@@ -70,7 +70,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, PreparedC
         raise UnknownNameError("scenario", scenario, MANEUVERS)
     speed_kmh, backend = choices.get("speed_kmh"), choices.get("backend")
     options, conditions = choices.get("options") or {}, choices.get("conditions") or {}
-    # what cannot be is refused before anything slow is done
+    # reject invalid input before any slow work
     profile = profile_of(choices)
     refuse_useless_key(choices, profile)
     faults = conditions_of.fault_texts(choices)

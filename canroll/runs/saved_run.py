@@ -1,4 +1,4 @@
-"""A run saved in its folder: ``trace.npz`` beside ``result.json`` and ``calibration.toml``.
+"""A run saved in its folder: ``trace.npz``, ``result.json`` and ``calibration.toml``.
 
 From these three files a run can be evaluated and shown again with the same numbers.
 """

@@ -134,7 +134,7 @@ class StandardOutcome:
 
     @property
     def good(self) -> bool | None:
-        """Whether control helps and the standard is met, if there is one.
+        """Whether control helps and the standard, if any, is met.
 
         False also where only the run without control meets the standard; None where neither
         does, with side effects, or if there is nothing to judge.

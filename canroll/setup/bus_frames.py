@@ -39,7 +39,7 @@ def profile_of(choices: Mapping[str, Any]) -> BusProfile:
 
 
 def firmware_of(profile: BusProfile, stage: OwnStage | None = None) -> BusFirmware:
-    """Return the ECU's program for the frames of a bus, with an own stage where there is one."""
+    """Return the ECU's program for the frames of a bus, with your own stage if one is given."""
     if profile.dbc is None or profile.map_file is None:
         return with_stage(built_in(), stage)
     return with_stage(of_bus(profile.dbc, profile.map_file), stage)

@@ -31,7 +31,7 @@ class Choice:
         saved: whether results contain it; otherwise it is in their calibration.
         repeated: whether it may be given several times: see :func:`one_or_several`.
         rare: whether only ``--help-all`` shows it.
-        excludes: other options, such as "law=passive", beside which it has no effect, and why.
+        excludes: other options, such as "law=passive", with which it has no effect, and why.
         name: keyword of :func:`canroll.run`, and key in JSON.
         kind: str, Path, float, int, bool, Mapping or Sequence.
         hint: annotation of the keyword: the types of its values.

@@ -176,7 +176,7 @@ def at_rest(drive_at: Callable[[float], EffortRun]) -> EffortRun:
     """Return the results of a law at the largest gain factor without limit cycle, in tenths.
 
     Raises:
-        CanrollError: there is one even at one tenth.
+        CanrollError: a limit cycle remains at one tenth.
     """
     for factor in BACKED_OFF:
         driven = drive_at(factor)

@@ -127,7 +127,7 @@ class EffortRow:
             roll stiffness.
         figures: runs by :data:`FIGURES`, (runs, 8); NaN where it did not run.
         bound: least RMS roll angle at each run's effort, (runs,), deg; NaN without control.
-        refused: reason why it cannot be compared, as that it did not run or misses the budget, or
+        refused: reason why it is not compared, such as a failed run or a missed budget, or
             empty.
         cycles: number of runs with a limit cycle.
         oscillates: whether that is more than expected by chance.

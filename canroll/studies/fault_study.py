@@ -46,7 +46,7 @@ class JudgedFault:
         entry: the entry.
         reaction: reaction of the ECU; None where the fault could not be driven.
         roll_max_deg: largest roll angle with control.
-        no_verdict: why there is no verdict; empty if there is one.
+        no_verdict: why there is no verdict, or "".
     """
 
     entry: CatalogueEntry

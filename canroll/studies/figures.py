@@ -60,7 +60,7 @@ def figures(controller: PreparedController, settings: Iterable[Settings]) -> NDA
     and the controller alone, not on the other rows.
 
     Raises:
-        CanrollError: a run that cannot be.
+        CanrollError: the settings are invalid.
     """
     return np.array([_pair(controller, each) for each in settings], FIGURES)
 
@@ -80,7 +80,7 @@ def _pair(controller: PreparedController, settings: Settings) -> tuple[object, .
 def without_control(settings: Settings, controller: PreparedController) -> Trace:
     """Return the signals that figures need of the run without control, as far as it is driven.
 
-    As in a run, what faults do is measured against a vehicle whose parts are all right.
+    As in a run, the effect of faults is measured against a fault-free vehicle.
     """
     body = bodies.body(settings.plant)
     if settings.actuator in MOVING or body.outside is not None:

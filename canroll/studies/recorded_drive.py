@@ -55,7 +55,7 @@ class Reception:
 
 @dataclass(frozen=True, slots=True)
 class RecordedDrive:
-    """What the ECU made of a recorded drive.
+    """Response of the ECU to a recorded drive.
 
     Attributes:
         frames: data frames of the channel.

@@ -206,7 +206,7 @@ class FamilyMargins:
 
     @property
     def stable(self) -> bool:
-        """Whether every loop is."""
+        """Whether every loop is stable."""
         return self.worst_sensitivity.margins.sensitivity < inf
 
 

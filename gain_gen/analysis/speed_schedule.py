@@ -35,7 +35,7 @@ STEP = 0.5
 DECAY = 0.3
 """Decay of a Lyapunov function, as a fraction of the way from the spectral radius to 1."""
 LINE_WEIGHT = 0.1
-"""Weight of the commands under way in the Lyapunov functions, beside 1 for every other state."""
+"""Weight of the commands under way in the Lyapunov functions; every other state has 1."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,7 +55,7 @@ def design_by_theorem(task: Task) -> Solution:
     """Return the gain of the corrected theorem of Redondo 2021, at the longest delay.
 
     The structure W = K C1 X is exact; ρ and ε are scanned. The exact optimum of the gain, which
-    needs no inequality, is reported beside it.
+    needs no inequality, is reported as well.
 
     Raises:
         VerdictError: the theorem certifies no useful gain.

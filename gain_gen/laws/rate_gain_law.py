@@ -145,13 +145,14 @@ def _no_gain(law: str, task: Task, best: RateGain) -> str:
     """Return the error that no gain reduces roll, and why."""
     delay = task.delay
     why = (
-        "the delay turns damping into excitation"
+        "the delay makes the feedback destabilising"
         if best.resonant
-        else "the roll there is largest when it is steady, which no damper changes"
+        else "the peak there is the steady-state roll, which rate feedback cannot reduce"
     )
     return (
         f"{law} for {task.vehicle.name}: no roll-rate gain helps at delays of "
         f"{1e3 * delay.least:.0f} to {1e3 * delay.most:.0f} ms: the best leaves "
-        f"{100.0 * best.peak_ratio:.1f} % of the peak roll in the worst case ({best.where}), for "
-        f"{why}; choose a law with the lateral acceleration, or --gains theorem --unverified"
+        f"{100.0 * best.peak_ratio:.1f} % of the peak roll in the worst case ({best.where}), "
+        f"because {why}; choose a law with the lateral acceleration, or --gains theorem "
+        "--unverified"
     )

@@ -16,7 +16,7 @@ ROLL, RATE, LATERAL, JERK, BIAS = range(5)
 class LateralModel:
     """Model of the lateral acceleration.
 
-    a'' = −2 ζ ω a' − ω² a + white noise of density ``jerk_noise``, (m/s³)²·s… per s.
+    a'' = −2 ζ ω a' − ω² a + white noise of density :attr:`noise_density`, m²/s⁵.
 
     Attributes:
         frequency: ω, rad/s; zero makes a_y a random walk (the 2020 paper) and its rate zero.

@@ -30,14 +30,14 @@ STEERING = 0.02
 """Standard deviation of the road-wheel angle, rad."""
 UNKNOWN_STEERING = 0.02
 UNKNOWN_FREQUENCY = 2.0 * pi * 0.1
-"""Standard deviation (rad) and corner (rad/s) of the angle that no one knows."""
+"""Standard deviation (rad) and corner (rad/s) of the unmeasured steering disturbance."""
 DISTURBANCE = 100.0
 """Density of the roll moment on the body from outside, N·m per √Hz."""
 LEAST_NOISE = (0.01, 0.1, 0.05)
 """Standard deviations of a sample of roll rate (rad/s), a_y and steering a_y (m/s²), at least:
 the road's part in them, and the steering's age."""
 RATE_WEIGHT = 0.1
-"""Of the roll rate beside the roll angle, s."""
+"""Weight of the roll rate relative to the roll angle, s."""
 
 
 @dataclass(frozen=True, slots=True)

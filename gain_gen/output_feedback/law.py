@@ -191,7 +191,7 @@ def lqg(car: DrivenCar, weight: float) -> StateSpace:
 def kalman_gain(car: DrivenCar) -> Matrix:
     """Return M of x̂ = x̄ + M (y − C₂ x̄), the current estimator's, (n, 3)."""
     variance = np.diag(car.noise**2)
-    # nothing disturbs the commands under way: a whiff of noise keeps the equation regular
+    # no noise acts on the commands under way: a small one keeps the Riccati equation well posed
     process = car.driven @ car.driven.T + 1e-12 * np.eye(len(car.a))
     covariance = solve_discrete_are(car.a.T, car.measured.T, process, variance)
     innovation = car.measured @ covariance @ car.measured.T + variance

@@ -23,7 +23,7 @@ RULE = (
 )
 SLACK_NS = 1000
 OTHERS = 0.05
-"""Share of a core's time that other programs take, from which it is worth saying."""
+"""Share of a core's time above which other programs on it are reported."""
 IDLE_EXIT_US = 100
 
 

@@ -145,7 +145,7 @@ class LiveStream:
             if self._mode != mode:
                 self._note(frame.t, mode if self._mode is None else f"{self._mode} → {mode}")
             self._mode = mode
-        # a code of the latched page may still be active: the next active page tells
+        # a code of the latched page may still be active: the next active page decides
         if "LatchedFaultCodes" in frame.values:
             self._told = int(frame.values["LatchedFaultCodes"])
         if "ActiveFaultCodes" in frame.values:

@@ -147,7 +147,7 @@ def _variable(path: Path, known: dict[str, Any], name: str, where: str) -> Any: 
 
 
 def _check_end(where: str, variable: Any, table: str) -> None:  # noqa: ANN401
-    """Refuse a variable that cannot be given values each step, or read."""
+    """Refuse a variable that is not settable at each step, or not readable."""
     if variable.type not in FLOATS or variable.dimensions:
         kind = f"an array of {variable.type}" if variable.dimensions else variable.type
         raise CanrollError(f"{where}: {variable.name} is {kind}, it must be a real scalar")

@@ -62,7 +62,7 @@ def read(path: Path) -> PlantMap:
     """Read the map at ``path``.
 
     Raises:
-        CanrollError: unreadable, or an entry that cannot be; the message names it.
+        CanrollError: unreadable, or an invalid entry; the message names it.
     """
     try:
         table = documents.toml(path)

@@ -177,7 +177,7 @@ def read(name: str) -> Body:
     Without one the map is the file of the FMU's name that ends in .toml.
 
     Raises:
-        CanrollError: an FMU or a map that cannot be, or that do not fit.
+        CanrollError: an invalid FMU or map, or they do not fit each other.
     """
     model, _, other = name.partition("#")
     path = Path(model)

@@ -53,7 +53,7 @@ class _Locator(UserProvidedCacheLocator):  # type: ignore[misc]
         file = Path(self._py_file).resolve()
         if file.is_relative_to(SOURCES):
             return FOLDER.name
-        # of an extension: what it calls may stand in the files beside it
+        # of an extension: what it calls may stand in the files of its folder
         digest = hashlib.sha256(FOLDER.name.encode())
         for source in sorted(file.parent.glob("*.py")):
             digest.update(source.read_bytes())

@@ -45,7 +45,7 @@ NO_COUNTER = -1
 """All bits of the echo are set, as long as no command has been accepted."""
 
 # Slots of Actuators.state: four channels each, then both axles each, then the hydraulics.
-# REPORTED is what the last ActuatorState said.
+# REPORTED is the value of the last ActuatorState.
 DEMAND, REFERENCE, ACTUAL, APPLIED = 0, 4, 8, 12
 DELIVERED, ESTIMATE, REPORTED = 16, 18, 20
 HYDRAULICS = 22

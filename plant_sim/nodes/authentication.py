@@ -35,7 +35,7 @@ class NodeAuthentication(NamedTuple):
     """Keys and freshness values of the plant's nodes.
 
     ``sent`` and ``heard`` (messages, 2): starts of the sender, and number of the next or last
-    frame. ``start_ns``: when the actuator node, the receiver here, starts anew.
+    frame. ``start_ns``: when the actuator node, the receiver here, restarts.
     """
 
     flag: NDArray[np.int64]
@@ -97,7 +97,7 @@ def build(
     Args:
         rows: messages of the codec's tables.
         key: 16 bytes; None: the frames are not authenticated.
-        start_ns: when the actuator node starts anew.
+        start_ns: when the actuator node restarts.
         starts: number of this start of the senders.
         heard_starts: last known start of each message's sender, by default none.
     """

@@ -428,7 +428,7 @@ def _parts(box: Mailbox) -> Iterator[RawSignal]:
 
 
 def _place_rest(codec: Codec, leader: int, rest: Mapping[str, Signal]) -> None:
-    """Map further signals of the contract that a frame contains beside those of the map."""
+    """Map further signals of the contract that a frame contains in addition to those of the map."""
     for index, message in enumerate(_messages().values()):
         row = codec.message[index]
         if row[LENGTH] and row[LEADER] != leader:

@@ -1,6 +1,6 @@
-"""Safety envelope of the actuator node: it judges commands by the motion that it hears of itself.
+"""Safety envelope of the actuator node: rejects commands that contradict the measured motion.
 
-The node takes the lateral acceleration from the Imu's frames, with a receiver of its own. A command
+The node takes the lateral acceleration from the Imu's frames, with a separate receiver. A command
 that pushes the body outward for too long while the acceleration does not fall is not followed until
 it has stopped, nor is any once the acceleration has not been heard for long. Limits of moment and
 rate are the actuator's own (:func:`plant_sim.nodes.actuator_models.refer`).

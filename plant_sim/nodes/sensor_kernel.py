@@ -51,7 +51,7 @@ N_CHANNELS = 17
     N_COLUMNS,
 ) = range(19)
 # Columns of Sensors.node. The message of a node without channels is built elsewhere. SENSOR is the
-# row of the node that has the faults: a further frame of a message has a row of its own.
+# row of the node that has the faults: a further frame of a message has another row.
 (
     MESSAGE,
     FIRST_CHANNEL,

@@ -230,7 +230,7 @@ def fault_tables(
     """Rows of :mod:`plant_sim.kernels.schedule` and values of faults of the nodes ``node``.
 
     Raises:
-        CanrollError: too many, or one that cannot be on this bus.
+        CanrollError: too many, or one that is not possible on this bus.
         UnknownNameError: no such signal, message or kind.
     """
     if len(faults) > sensor_kernel.FAULTS:
@@ -267,7 +267,7 @@ def build(
     """Tables of all sensor nodes of ``vehicle``; the same seed gives the same sensors.
 
     ``tables`` are the bus's frames, by default those of the contract. A node whose message is not
-    on the bus, or shares the frame of another node, has no sampling instants of its own.
+    on the bus, or shares the frame of another node, has no separate sampling instants.
     """
     for message in options.phases:
         if message not in NODES:

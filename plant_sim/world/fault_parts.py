@@ -46,7 +46,7 @@ def outages(faults: Iterable[Fault]) -> tuple[tuple[int, int], ...]:
 
 
 def starts(faults: Iterable[Fault]) -> tuple[int, ...]:
-    """Return when the actuator node starts anew, ns."""
+    """Return when the actuator node restarts, ns."""
     return tuple(
         _ns(fault.end)
         for fault in power_losses(faults)
@@ -103,7 +103,7 @@ def _add(
 
 
 def _flood(network: can_bus.Network, node: int, fault: Fault) -> None:
-    """Let ``node`` fill the share ``fault.value`` of its segment with the highest priority."""
+    """Make ``node`` fill the share ``fault.value`` of its segment with the highest priority."""
     segment = network.segments[int(network.nodes["segment"][node])]
     period = FLOOD_BITS * 1e9 / int(segment["bitrate"]) / fault.value
     can_bus.add_source(

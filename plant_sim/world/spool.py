@@ -40,7 +40,7 @@ class Spool:
         self.extend(values.size, [values.reshape(-1)])
 
     def keep(self, values: NDArray[Any]) -> None:
-        """Append ``values`` themselves, which nobody changes any more.
+        """Append ``values`` without a copy; the caller must not change them afterwards.
 
         Raises:
             CanrollError: the temporary file cannot be written.
@@ -165,7 +165,7 @@ class Columns(Mapping[str, NDArray[np.float64]]):
         self._others: dict[str, Columns] = {}
 
     def append(self, values: NDArray[np.float64]) -> None:
-        """Append a block that nobody changes any more: one row per signal."""
+        """Append a block without a copy, one row per signal; it must not change afterwards."""
         if values.shape[1]:
             self._spool.keep(values)
 

@@ -369,7 +369,7 @@ def advance(parts: Parts, until_ns: int) -> int:
     world, network = parts.memory[0], parts.network.state[0]
     rows, commands, driver = borrowed(parts.rows), borrowed(parts.commands), uncounted(parts.drive)
     clock = world.clock
-    # Views into the record: unlike arrays of their own they have no references to be counted.
+    # Views into the record: unlike separate arrays they have no references to be counted.
     inputs, outputs = world.inputs[:], world.outputs[:]
     state, parameters = world.state[: clock[STATES]], world.parameters[: clock[PARAMETERS]]
     step = step_at(clock[STEP])

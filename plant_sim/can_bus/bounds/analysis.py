@@ -218,7 +218,7 @@ class _Level:
         return busy
 
     def start(self, before: int, worst: int, least: int) -> int | None:
-        """Return the latest start of a frame behind blocking and ``before`` ns of its own level.
+        """Return the latest start of a frame behind blocking and ``before`` ns of its level.
 
         Args:
             before: transmission time of the frames sent before it, ns.

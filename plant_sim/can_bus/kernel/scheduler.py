@@ -167,7 +167,7 @@ def next_end_ns(bus: State) -> int:
 
 @njit
 def let_pass(bus: State, until_ns: int) -> None:
-    """Let time pass up to ``until_ns``, with no event before."""
+    """Advance the time to ``until_ns``; no event is due before."""
     clock = bus.clock
     clock[NOW] = max(clock[NOW], until_ns)
     for index in range(clock[SEGMENT_COUNT]):

@@ -116,7 +116,7 @@ def read_profile(name: str) -> BusProfile:
     """Return the network that the TOML file ``name`` describes.
 
     Raises:
-        CanrollError: the file cannot be read, or a key says something that cannot be.
+        CanrollError: the file cannot be read, or a key has an invalid value.
     """
     path = Path(name)
     try:

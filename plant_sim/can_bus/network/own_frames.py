@@ -187,7 +187,7 @@ def _contract() -> tuple[BusMessage, ...]:
 
 
 def measurement_messages(profile: BusProfile, taken: Collection[int]) -> list[BusMessage]:
-    """Return the frames of measurements by XCP, each as a message of its own.
+    """Return the frames of measurements by XCP, each as a separate message.
 
     On the bus they have one identifier and follow each other; here they have free ones from it on,
     which gives all others the same bounds. ``taken`` are identifiers in use.

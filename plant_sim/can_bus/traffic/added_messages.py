@@ -13,7 +13,7 @@ def missing_from(bus: InferredBus, messages: Sequence[BusMessage]) -> list[BusMe
     """Return those of ``messages`` that are not already on the recorded bus.
 
     A message is on it if the log has a periodic message with its identifier, length and period. In
-    a log with most of ``messages``, which is one of their own, so is one of the same length that is
+    a log with most of ``messages``, which is one of them, so is one of the same length that is
     sent no more often: on events, or by its heartbeat alone. Any other message with its identifier
     collides with it.
     """

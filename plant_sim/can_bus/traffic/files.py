@@ -6,7 +6,7 @@ A DBC, KCD, ARXML or SYM file is read by cantools; of a file with several buses 
 A TOML file has ``bitrate`` and tables ``[[message]]`` with ``name``, ``id``, ``bytes`` (or
 ``bits``, the frame length with interframe space) and ``period_ms``; optional ``jitter_ms``,
 ``offset_ms``, ``node``, ``extended``, ``fd``, ``bit_rate_switch``, ``fifo`` and ``deadline_ms``
-(default: the period); beside ``bitrate`` optionally ``data_bitrate``.
+(default: the period); with ``bitrate`` optionally ``data_bitrate``.
 """
 
 from collections import Counter

@@ -165,7 +165,7 @@ def test_the_page_has_a_chapter_a_paper_with_its_plots(viadero):
     page = reproduction_page(viadero)
     assert page.count('data-figures="viadero2022"') == 1
     assert page.index("Mean load and worst case") < page.index('data-figures="viadero2022"')
-    assert page.index("What comes out") < page.index("Errors in print")
+    assert page.index("Summary") < page.index("Errors in print")
     assert page.index('data-figures="viadero2022"') < page.index("<h2>Parameters")
     assert "<nav>" not in page
     both = reproduction_page([*viadero, *viadero])
