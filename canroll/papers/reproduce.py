@@ -22,7 +22,6 @@ from canroll.papers.paper_table import (
     digits,
     judged,
 )
-from canroll.report.figure import Figure
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +47,11 @@ PAPERS = {
 
 @dataclass(frozen=True, slots=True)
 class Reproduction:
-    """All rows of one paper with their verdicts, what proves them, what else was found, plots."""
+    """A recomputed paper, and its rows with their verdicts."""
 
     paper: Paper
+    recomputed: Recomputed
     rows: Sequence[PaperRow]
-    figures: Sequence[Figure]
-    proofs: Sequence[PaperSection] = ()
-    sections: Sequence[PaperSection] = ()
-    headlines: Sequence[Headline] = ()
 
     @property
     def counts(self) -> dict[str, int]:
@@ -72,12 +68,12 @@ class Reproduction:
     @property
     def every_section(self) -> Sequence[PaperSection]:
         """Proofs and further sections, in the order of the JSON."""
-        return (*self.proofs, *self.sections)
+        return (*self.recomputed.proofs, *self.recomputed.sections)
 
     @property
     def answers(self) -> list[str]:
         """What the paper's systems achieve: in print, under its conditions, and under ours."""
-        return [self._answer(headline) for headline in self.headlines]
+        return [self._answer(headline) for headline in self.recomputed.headlines]
 
     def _answer(self, headline: Headline) -> str:
         by_row = {row.row: row for row in self.rows if _is(row, headline)}
@@ -129,14 +125,7 @@ def reproduce(names: Sequence[str], cases: Cases = IN_TURN) -> list[Reproduction
 def _reproduced(name: str) -> Reproduction:
     paper = PAPERS[name]
     recomputed = paper.recompute()
-    return Reproduction(
-        paper,
-        judged(recomputed.rows),
-        recomputed.figures,
-        recomputed.proofs,
-        recomputed.sections,
-        recomputed.headlines,
-    )
+    return Reproduction(paper, recomputed, judged(recomputed.rows))
 
 
 def to_json(parts: Sequence[Reproduction]) -> dict[str, Any]:
@@ -184,7 +173,7 @@ def to_markdown(parts: Sequence[Reproduction]) -> str:
     for part in parts:
         lines += [f"## {part.paper.title}", "", f"{_sentence(part.counts)}", ""]
         lines += [*(f"- {answer}" for answer in part.answers), ""]
-        for section in part.proofs:
+        for section in part.recomputed.proofs:
             lines += section.markdown()
         lines += ["### Every number", ""]
         head = (
@@ -200,7 +189,7 @@ def to_markdown(parts: Sequence[Reproduction]) -> str:
             for row in part.rows
         ]
         lines.append("")
-        for section in part.sections:
+        for section in part.recomputed.sections:
             lines += section.markdown()
     return "\n".join(lines)
 

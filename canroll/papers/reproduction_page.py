@@ -72,11 +72,11 @@ def reproduction_page(parts: Sequence[Reproduction]) -> str:
     for part in parts:
         rows = _tables(part, first)
         first += len(part.rows)
-        proofs = [section.table(place + n) for n, section in enumerate(part.proofs)]
+        proofs = [section.table(place + n) for n, section in enumerate(part.recomputed.proofs)]
         place += len(proofs)
         chapter = [*proofs, *rows]
         tables += [replace(chapter[0], chapter=_chapter(part)), *chapter[1:]]
-        for section in part.sections:
+        for section in part.recomputed.sections:
             tables.append(section.table(place))
             place += 1
         tables[-1] = replace(tables[-1], group=part.paper.name)
@@ -87,7 +87,7 @@ def reproduction_page(parts: Sequence[Reproduction]) -> str:
             verdict=PageVerdict(None, summary(parts), legend()),
             warnings=(),
             tables=tables,
-            figures=[figure for part in parts for figure in part.figures],
+            figures=[figure for part in parts for figure in part.recomputed.figures],
             playback=None,
             parameters=[(part.paper.title, part.paper.conditions) for part in parts],
             provenance=[("canroll", version("canroll")), ("Python", platform.python_version())],
