@@ -5,7 +5,7 @@ from math import inf
 
 from canroll.report.page import PageTable
 from gain_gen.calibration.freeze import summary
-from gain_gen.models.task import Design
+from gain_gen.models.task import UNITS, Design
 from gain_gen.monitors.detectability import Detectable
 
 LABELS = {
@@ -60,9 +60,6 @@ LABELS = {
     "solves": "solutions of inequalities",
 }
 """Labels of the checks and numbers of the built-in laws."""
-
-UNITS = {"db": "dB", "deg": "°", "s": "s", "nm": "N·m", "hz": "Hz"}
-"""Units by the end of a name."""
 
 
 def label(name: str) -> str:
