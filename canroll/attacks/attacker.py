@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import dbc
 from plant_sim import can_bus
 from plant_sim.can_bus.wire.frame import EXTENDED
-from plant_sim.nodes import authentication, codec, e2e
+from plant_sim.nodes import authentication, codec, codec_tables, e2e
 from plant_sim.nodes.codec import MAX_PAYLOAD, Codec
 from plant_sim.nodes.sensors import PER_UNIT
 from plant_sim.world import fault_parts, frame_kernel
@@ -64,7 +64,7 @@ class Ear:
 
     def leader(self, message: str) -> int:
         """Row of the frame that carries a message; -1: none does."""
-        row = codec.message_index(message)
+        row = codec_tables.message_index(message)
         on_bus = self.tables.message[row, codec.LENGTH] > 0
         return int(self.tables.message[row, codec.LEADER]) if on_bus else -1
 
@@ -77,9 +77,9 @@ class Ear:
         self, payload: NDArray[np.uint8], message: str, signal: str, value: float
     ) -> NDArray[np.uint8]:
         """Put a value (SI units) of a signal in a payload, if the bus has it."""
-        row = codec.signal_index(message, signal)
+        row = codec_tables.signal_index(message, signal)
         if self.tables.field[row, codec.PIECES]:
-            scaled = value * PER_UNIT.get(codec.unit(message, signal), 1.0)
+            scaled = value * PER_UNIT.get(codec_tables.unit(message, signal), 1.0)
             codec.insert(self.tables, row, payload, codec.raw_value(self.tables, row, scaled))
         return payload
 
@@ -87,10 +87,10 @@ class Ear:
         """A payload like the one heard, with the next sample counter and freshness value."""
         payload = heard.payload.copy()
         for row, name in enumerate(NAMES):
-            names = codec.signal_names(name)
+            names = codec_tables.signal_names(name)
             if self.tables.message[row, codec.LEADER] != heard.row or "SampleCounter" not in names:
                 continue
-            at = codec.signal_index(name, "SampleCounter")
+            at = codec_tables.signal_index(name, "SampleCounter")
             if self.tables.field[at, codec.PIECES]:
                 count = codec.extract(self.tables, at, payload) + 1
                 codec.insert(self.tables, at, payload, count % SAMPLES)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from canroll.typing import Vector
 from plant_sim.kernels.jit import njit
-from plant_sim.nodes import codec, e2e
+from plant_sim.nodes import codec, codec_tables, e2e
 from plant_sim.nodes.codec import Codec
 
 OUTWARD_SHARE = 0.2
@@ -55,7 +55,7 @@ def build(
     supervision: e2e.Supervision,
 ) -> Envelope:
     """Envelope that has heard nothing yet."""
-    signal = codec.signal_index("Imu", "LateralAcceleration")
+    signal = codec_tables.signal_index("Imu", "LateralAcceleration")
     message = int(tables.field[signal, codec.FRAME])
     row = tables.message[message]
     on_bus = bool(row[codec.LENGTH])

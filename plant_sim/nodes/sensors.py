@@ -11,7 +11,7 @@ from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.can_bus.network import own_frames
 from plant_sim.kernels import schedule
 from plant_sim.kernels.schedule import ScheduledFault
-from plant_sim.nodes import codec, sensor_kernel
+from plant_sim.nodes import codec, codec_tables, sensor_kernel
 from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.imu_motion import N_MOTION
 from plant_sim.nodes.sensor_kernel import SensorTables
@@ -213,7 +213,7 @@ def _refuse_unsayable(fault: ScheduledFault, tables: Codec) -> None:
     message, _, signal = fault.where.partition(".")
     if not signal:
         return
-    row = tables.field[codec.signal_index(message, signal)]
+    row = tables.field[codec_tables.signal_index(message, signal)]
     if not row[codec.PIECES]:
         raise CanrollError(f"sensor fault of {fault.where}: the map has no such signal")
     unsaid = row[codec.RAW_ERROR] == codec.NO_ERROR_CODE and row[codec.VALIDITY] < 0
@@ -272,8 +272,8 @@ def build(
     for message in options.phases:
         if message not in NODES:
             raise UnknownNameError("sensor message", message, NODES)
-    tables = tables or codec.load()
-    contract = codec.load()
+    tables = tables or codec_tables.load()
+    contract = codec_tables.load()
     draws = np.random.default_rng([seed, 1])
     data = _channels(vehicle)
     channels: list[NDArray[np.float64]] = []
@@ -285,7 +285,7 @@ def build(
     for number, (message, names) in enumerate(_SIGNALS):
         row = node[number]
         row[sensor_kernel.SENSOR] = number
-        index = codec.message_index(message)
+        index = codec_tables.message_index(message)
         own = int(contract.message[index, codec.CYCLE_MS]) * 1_000_000
         period = int(tables.message[index, codec.CYCLE_MS]) * 1_000_000 or own
         # the same share of the cycle on every bus
@@ -302,10 +302,10 @@ def build(
         )
         if not tables.message[index, codec.LENGTH] or tables.message[index, codec.LEADER] != index:
             row[sensor_kernel.NEXT] = sensor_kernel.NEVER
-        row[sensor_kernel.SAMPLE_SIGNAL] = codec.signal_index(message, "SampleCounter")
+        row[sensor_kernel.SAMPLE_SIGNAL] = codec_tables.signal_index(message, "SampleCounter")
         for name, member in zip(names, members, strict=True):
-            signals.append(codec.signal_index(message, name))
-            unit = codec.unit(message, name)
+            signals.append(codec_tables.signal_index(message, name))
+            unit = codec_tables.unit(message, name)
             carrier = tables.message[tables.field[signals[-1], codec.FRAME]]
             sampled = int(carrier[codec.CYCLE_MS]) * 1_000_000 or period
             channels.append(_channel(member, unit, sampled * 1e-9, options, draws))

@@ -12,7 +12,7 @@ from plant_sim.can_bus.wire.frame import INTERFRAME_BITS
 from plant_sim.faults import Fault, kinds
 from plant_sim.faults.effects import power_losses
 from plant_sim.kernels import schedule
-from plant_sim.nodes import codec, sensor_kernel
+from plant_sim.nodes import codec, codec_tables, sensor_kernel
 from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.sensor_kernel import SensorTables
 from plant_sim.nodes.sensors import PER_UNIT
@@ -152,7 +152,7 @@ def frames(
         if kinds.PLACES[fault.where] == kinds.ATTACKER:
             message, _, signal = fault.where.removeprefix(kinds.ATTACKER_PREFIX).partition(".")
             if signal:
-                values[number] *= PER_UNIT[codec.unit(message, signal)]
+                values[number] *= PER_UNIT[codec_tables.unit(message, signal)]
             add_attackers(clock, network)
     return FrameFaults(rows, values, signals, clock)
 
@@ -163,11 +163,11 @@ def _target(fault: Fault, tables: Codec, nodes: SensorTables) -> tuple[int, NDAr
     if fault.where == kinds.BUS:
         return frame_kernel.EVERY_MESSAGE, places
     message, _, signal = fault.where.removeprefix(kinds.ATTACKER_PREFIX).partition(".")
-    row = codec.message_index(message)
+    row = codec_tables.message_index(message)
     if not tables.message[row, codec.LENGTH]:
         raise CanrollError(f"fault '{fault}': {message} is not on this bus")
     if signal:
-        places[0] = codec.signal_index(message, signal)
+        places[0] = codec_tables.signal_index(message, signal)
         if not tables.field[places[0], codec.PIECES]:
             raise CanrollError(f"fault '{fault}': the map has no such signal")
         row = int(tables.field[places[0], codec.FRAME])

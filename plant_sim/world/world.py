@@ -22,7 +22,8 @@ from plant_sim.kernels.jit import compiling, is_cached
 from plant_sim.kernels.records import entry, type_of
 from plant_sim.nodes import authentication
 from plant_sim.nodes.actuators import ActuatorOptions
-from plant_sim.nodes.codec import CYCLE_MS, IDENT, MAX_PAYLOAD, message_index
+from plant_sim.nodes.codec import CYCLE_MS, IDENT, MAX_PAYLOAD
+from plant_sim.nodes.codec_tables import message_index
 from plant_sim.nodes.sensors import SensorOptions
 from plant_sim.world import fault_parts, recording, world_parts
 from plant_sim.world.ecu_kernel import Connection, TickSpan, run
