@@ -19,6 +19,7 @@ from plant_sim.driving import MANEUVERS
 DEFAULT_OUT = Path("out")
 VEHICLE_SET = "--vehicle-set"
 DEFAULT_SCENARIO = "double_lane_change"
+PACES = ("realtime", "lockstep")
 METAVARS = {"km/h": "KMH", "ms": "MS", "s": "S"}
 PATTERNS = {"faults": "WHERE=KIND[:VALUE][@START[:END[:RAMP]]]"}
 NODES = ("faults", "fault_file", "conditions")
@@ -320,3 +321,14 @@ def folder_of(args: argparse.Namespace) -> Path | None:
     """Return the output folder; None if no files are written."""
     out: Path | None = args.out
     return out or (None if args.json else DEFAULT_OUT)
+
+
+def add_section(parser: Parser) -> None:
+    """Add the choice among the sections of a log whose times step."""
+    parser.add_argument(
+        "--section",
+        type=int,
+        metavar="N",
+        help="section of a log whose times step, by a clock that was set or a pause of more than a "
+        "minute (default: that with most frames)",
+    )

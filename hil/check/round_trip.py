@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil import own_bus
-from hil.bus_link import CanLink, Link, open_link, options_of, parsed_options
+from hil.bus_link import CanLink, Link, open_link
 from hil.check.loops import Placement
 from hil.check.workers import Child, Send, ended
+from hil.hardware.bus_options import options_of, parsed_options
 from hil.hardware.interfaces import is_shared
 from hil.process import collector_off, prepare
 
