@@ -26,7 +26,8 @@ from canroll.setup.choices import OF_ONE_MANOEUVRE, PASSIVE, check, chosen
 from canroll.setup.controller import PreparedController
 from canroll.studies import equal_effort
 from canroll.studies.effort import scaled
-from canroll.studies.equal_effort import EffortEntry, paired, with_stiffer_bar
+from canroll.studies.effort_rows import EffortEntry, with_stiffer_bar
+from canroll.studies.equal_effort import paired
 from canroll.studies.variation import draw, spread_from
 from canroll.table import Table
 
