@@ -35,8 +35,8 @@ def _is_safe(kept: Path) -> bool:
 def place(name: str, file: str) -> Path:
     """Return the path of ``file`` in the cache folder ``name``, else in a private folder."""
     kept = folder(name)
-    found = kept / file
-    return found if found.exists() or os.access(kept, os.W_OK) else private(name) / file
+    shared = kept / file
+    return shared if shared.exists() or os.access(kept, os.W_OK) else private(name) / file
 
 
 @cache

@@ -120,12 +120,12 @@ def read_apart(program: str, path: Path) -> bytes:
         path: the file.
 
     Raises:
-        ValueError: the program failed; the message is the last line of what it said, if any.
+        ValueError: the program failed; the message is the last line of its output, if any.
     """
     done = subprocess.run(
         [sys.executable, "-c", program, str(path)], capture_output=True, check=False
     )
     if done.returncode:
-        said = done.stderr.decode("utf-8", "replace").strip().splitlines()
-        raise ValueError(said[-1] if said and done.returncode > 0 else "the reader crashed")
+        errors = done.stderr.decode("utf-8", "replace").strip().splitlines()
+        raise ValueError(errors[-1] if errors and done.returncode > 0 else "the reader crashed")
     return done.stdout

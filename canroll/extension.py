@@ -33,7 +33,7 @@ def load(what: str, reference: str) -> Any:  # noqa: ANN401
 
     Args:
         what: kind of object, such as "law", for error messages.
-        reference: a file is relative to the current folder and can import modules beside it.
+        reference: a file is relative to the current folder and can import modules of its folder.
 
     Raises:
         CanrollError: no such file, module or name, or its import fails.
@@ -44,8 +44,8 @@ def load(what: str, reference: str) -> Any:  # noqa: ANN401
     with refusing(f"{what} '{reference}'"):
         module = _from_file(Path(where)) if where.endswith(".py") else import_module(where)
     if not hasattr(module, name):
-        found = module.__file__ or where
-        raise CanrollError(f"{what} '{reference}': {found} defines no '{name}'")
+        file = module.__file__ or where
+        raise CanrollError(f"{what} '{reference}': {file} defines no '{name}'")
     return getattr(module, name)
 
 
@@ -61,7 +61,7 @@ def _from_file(path: Path) -> ModuleType:
     assert spec.loader is not None
     module = module_from_spec(spec)
     if str(path.parent) not in sys.path:
-        # last, so that nothing beside the file hides an installed package
+        # last, so that no file of its folder hides an installed package
         sys.path.append(str(path.parent))
     sys.modules[key] = module
     try:
@@ -90,9 +90,9 @@ def refusing(what: str) -> Iterator[None]:
 
 def _explained(error: BaseException) -> str:
     """Return type, first line and location of an error."""
-    told = " ".join(str(error).split())
+    reason = " ".join(str(error).split())
     name = type(error).__name__
-    text = f"{name}: {told}" if told else name
+    text = f"{name}: {reason}" if reason else name
     if isinstance(error, SyntaxError | ModuleNotFoundError):
         return text  # the first says its place itself, the second has none
     frames = [frame for frame in extract_tb(error.__traceback__) if _is_foreign(frame.filename)]

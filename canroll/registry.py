@@ -86,13 +86,13 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
         if name in self._offered:
             what += f" of {self.origin(name).who}"
             with extension.refusing(what):
-                found = self._offered[name].load()
+                thing = self._offered[name].load()
         else:
-            found = extension.load(self.what, name)
+            thing = extension.load(self.what, name)
         if not self._accept:
-            return cast(Thing, found)
+            return cast(Thing, thing)
         accept: Callable[[str, Any], Thing] = resolve_name(self._accept)
-        return accept(what, found)
+        return accept(what, thing)
 
     def _reader(self, name: object) -> str:
         """Return "module:function" of the reader of a data file, or "" if ``name`` is not one."""

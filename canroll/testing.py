@@ -234,11 +234,11 @@ class BodyConformance:
     def test_half_the_step_gives_the_same_roll(self) -> None:
         """The integration step of 1 ms is short enough."""
         for vehicle in self.each():
-            whole, half = (
+            full, half = (
                 self.drive(vehicle, 1.0, step=step, STEER=0.01)[1][ports.ROLL]
                 for step in (self.step, self.step / 2)
             )
-            assert abs(whole - half) < 0.01 * abs(half)
+            assert abs(full - half) < 0.01 * abs(half)
 
     def test_it_is_driven_under_control(self) -> None:
         """In a double lane change with sensors, bus and controller, every signal stays finite."""

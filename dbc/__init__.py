@@ -47,9 +47,9 @@ def attribute(source: Database | Message, name: str, default: int = 0) -> int:
     """Return an attribute as a number, or the index of its choice: as set, else the default."""
     if not source.dbc:
         return default
-    found = source.dbc.attributes.get(name)
+    entry = source.dbc.attributes.get(name)
     definition = source.dbc.attribute_definitions.get(name)
-    value = found.value if found else definition.default_value if definition else None
+    value = entry.value if entry else definition.default_value if definition else None
     if value is None:
         return default
     choices = list(definition.choices or ()) if definition else []

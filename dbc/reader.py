@@ -61,7 +61,7 @@ class NetworkDescription:
     """A network description.
 
     Attributes:
-        database: the messages of all files, each with the attributes of its own.
+        database: the messages of all files, each with its attributes.
         files: what it was read from.
     """
 
@@ -94,8 +94,8 @@ def paths_of(given: str | Path | Sequence[str | Path]) -> Files:
     """Return a path, or the paths of a list; a list of one is that path."""
     if isinstance(given, str | Path):
         return Path(given)
-    found = tuple(map(Path, given))
-    return found[0] if len(found) == 1 else found
+    paths = tuple(map(Path, given))
+    return paths[0] if len(paths) == 1 else paths
 
 
 def each(files: Files) -> tuple[Path, ...]:
@@ -118,8 +118,8 @@ def network(files: Files) -> NetworkDescription:
     for path in paths:
         if paths.count(path) > 1:
             raise CanrollError(f"{path}: given twice as a network description: omit one")
-    found = tuple(map(network_file, paths))
-    return NetworkDescription(_joined(found), found)
+    sources = tuple(map(network_file, paths))
+    return NetworkDescription(_joined(sources), sources)
 
 
 @lru_cache(maxsize=8)
@@ -144,7 +144,7 @@ def network_file(path: Path) -> NetworkFile:
         if path.suffix.lower() == ".dbc":
             return _of_dbc(path, path.read_bytes())
         return _of_others(path)
-    except Exception as error:  # cantools lets through whatever its parsers raise
+    except Exception as error:  # cantools passes on any error of its parsers
         raise CanrollError(
             f"{path}: not a readable DBC, KCD, ARXML or SYM: {reason(error)}"
         ) from error
@@ -169,7 +169,7 @@ def _of_dbc(path: Path, data: bytes) -> NetworkFile:
         try:
             database = cantools.database.load_string(text, "dbc")
             return NetworkFile(path, database, _warnings(path, _shared(database)))
-        except Exception as error:  # cantools lets through whatever its parsers raise
+        except Exception as error:  # cantools passes on any error of its parsers
             strict = error
         try:
             database = cantools.database.load_string(text, "dbc", strict=False)

@@ -195,6 +195,6 @@ def _refusal(text: str, *, syntax: bool = False) -> Exception | None:
         Database(strict=False).add_dbc_string(f"{text}\nBS_:\n")
     except SyntaxRefusal as error:
         return error
-    except Exception as error:  # cantools lets through whatever its parsers raise
+    except Exception as error:  # cantools passes on any error of its parsers
         return None if syntax else error
     return None

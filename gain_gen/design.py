@@ -101,10 +101,10 @@ def design(
     # a law that verifies itself holds on its own car alone
     detuned = None if first.verified_by_law else _detuned(first, answer, family, speeds, limits)
     if detuned is not None and not own:
-        reduction, found = detuned
+        reduction, gentler = detuned
         cause = in_words(*_first_failure(answer))
-        told = f"command reduced by {reduction:g} dB; as designed its {cause}"
-        return replace(found, warnings=(*found.warnings, told))
+        note = f"command reduced by {reduction:g} dB; as designed its {cause}"
+        return replace(gentler, warnings=(*gentler.warnings, note))
     if task.unverified:
         return _marked(answer)
     raise VerdictError(_refusal(answer, None if detuned is None else detuned[0]))
@@ -155,9 +155,9 @@ def _detuned(
             continue
         # what the law certifies is about the gain before it was scaled
         gentler = _uncertified(first, controller)
-        found = verify(answer.law, answer.task, gentler, family, speeds)
-        if found.is_verified:
-            return STEP_DB * step, found
+        verified = verify(answer.law, answer.task, gentler, family, speeds)
+        if verified.is_verified:
+            return STEP_DB * step, verified
     return None
 
 
@@ -190,8 +190,8 @@ def _marked(answer: Design) -> Design:
     of = printed.get(answer.task.gains)
     gains = "" if of is None else f" with the gains {of}"
     failing = f": {'; '.join(answer.failed)}" if answer.failures else ""
-    told = f"{UNVERIFIED}: {answer.law}{gains}{failing}"
-    return replace(answer, warnings=(told, *answer.warnings))
+    note = f"{UNVERIFIED}: {answer.law}{gains}{failing}"
+    return replace(answer, warnings=(note, *answer.warnings))
 
 
 def _refusal(answer: Design, reduction: float | None) -> str:

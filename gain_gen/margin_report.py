@@ -141,16 +141,20 @@ def margin_report(calibration: LoadedCalibration | str | Path) -> MarginReport:
             seconds, factor, response_peak(closed, member.roll) / free, margins(closed)
         )
 
-    found = family.margins(controller)
-    largest = family.largest_delay(controller, found, limit=DELAY_LIMIT) if found.stable else 0.0
+    worst_case = family.margins(controller)
+    largest = (
+        family.largest_delay(controller, worst_case, limit=DELAY_LIMIT)
+        if worst_case.stable
+        else 0.0
+    )
     frequencies = np.geomspace(0.1, 0.98 * np.pi / calibration.tick, 600)
     return MarginReport(
         law=calibration.law,
         vehicle=calibration.vehicle.reference,
         delay=task.delay,
         max_delay=largest,
-        family=found,
-        checks=family_checks(found),
+        family=worst_case,
+        checks=family_checks(worst_case),
         note=family.note,
         over_delay=tuple(point(seconds, 1.0) for seconds in _delays(family, largest)),
         over_gain=tuple(point(delay, factor) for factor in GAIN_FACTORS),

@@ -26,7 +26,7 @@ class ChildProgram:
 
     name: str
     running: subprocess.Popen[bytes]
-    said: str = ""
+    text: str = ""
 
     @property
     def output(self) -> IO[bytes]:
@@ -44,14 +44,14 @@ class ChildProgram:
         """Read its new output, without waiting."""
         with suppress(BlockingIOError):
             while data := os.read(self.output.fileno(), 4096):
-                self.said += data.decode(errors="replace")
+                self.text += data.decode(errors="replace")
 
     def line(self, prefix: str) -> str | None:
         """Return the first complete line that begins with ``prefix``."""
         self.listen()
-        whole = self.said.splitlines(keepends=True)
-        found = (line for line in whole if line.startswith(prefix) and line.endswith("\n"))
-        return next(found, "").strip() or None
+        lines = self.text.splitlines(keepends=True)
+        matching = (line for line in lines if line.startswith(prefix) and line.endswith("\n"))
+        return next(matching, "").strip() or None
 
     def ask_to_stop(self) -> None:
         """Send SIGTERM if it is still running."""
@@ -61,8 +61,8 @@ class ChildProgram:
     def last_words(self) -> str:
         """Return its last line on stderr, prefixed with its name."""
         lines = self.errors.read().decode(errors="replace").strip().splitlines()
-        told = lines[-1].removeprefix("canroll: ") if lines else "no reason given"
-        return f"{self.name}: {told}"
+        reason = lines[-1].removeprefix("canroll: ") if lines else "no reason given"
+        return f"{self.name}: {reason}"
 
     def failure(self) -> CanrollError:
         """Return the error with which it ended: its last line, or the signal that killed it."""
@@ -73,7 +73,7 @@ class ChildProgram:
                 f"not valid: the {self.name} was killed by {signal.Signals(-code).name}"
             )
         if code == 0:
-            ended = (self.said.strip().splitlines() or [f"{self.name} ends"])[-1]
+            ended = (self.text.strip().splitlines() or [f"{self.name} ends"])[-1]
             return VerdictError(f"not valid: {ended}, before the other side did")
         words = self.last_words()
         return VerdictError(words) if code == VerdictError.exit_code else CanrollError(words)
@@ -133,7 +133,7 @@ def check_ended(child: ChildProgram) -> None:
         raise VerdictError(
             f"not valid: the {child.name} does not end within {GRACE:g} s"
         ) from error
-    # one that had ended by itself, its files written, dies of being asked to
+    # a child that already wrote its files may still be killed by our SIGTERM
     if child.running.returncode not in (0, -signal.SIGTERM):
         raise child.failure()
 

@@ -51,8 +51,8 @@ def run(
     settings, controller = experiment.plan(scenario, duration=duration, **keywords)
     if settings.firmware.fd and serve is not None:
         raise CanrollError(f"--serve: {own_bus.NOT_SERVED}: omit it")
-    whole = experiment.build_world(settings, enabled=False).duration_ns
-    judged = whole * 1e-9 if duration is None else min(duration, whole * 1e-9)
+    planned = experiment.build_world(settings, enabled=False).duration_ns
+    judged = planned * 1e-9 if duration is None else min(duration, planned * 1e-9)
     setup = session.Setup(
         bus_options=bus_options,
         folder=folder,

@@ -6,7 +6,7 @@ effect, so a run gives the same frames on any machine: those of virtual time. Gr
 acknowledgements contain the number of their frames: a frame that is lost, or sent by another node,
 ends the run instead of changing it.
 
-Grants travel as frames with 29-bit identifiers on the same bus, or on a TCP connection beside it
+Grants travel as frames with 29-bit identifiers on the same bus, or on a separate TCP connection
 where the bus must carry nothing else.
 """
 
@@ -197,7 +197,7 @@ class GrantedEcu:
         return True
 
     def restart(self) -> None:
-        """Refuse: the power of a program of its own cannot be cut from here.
+        """Refuse: the power of a separate program cannot be cut from here.
 
         Raises:
             CanrollError: always.
@@ -271,7 +271,7 @@ class Grants:
         link: the bus.
         channel: channel of the grants.
         idents: identifiers that the plant sends.
-        foreign: identifiers of the ECU, which nobody else should send.
+        foreign: identifiers that only the ECU should send.
         tick_us: period of the ECU, µs.
         stop: checked while waiting.
     """

@@ -199,11 +199,11 @@ def assemble(
         complete=complete,
         refused=_refused(plant, ecu) if settings.firmware.bus.secured else None,
     )
-    told = timing_object(plant, ecu, ages, during, setup)
+    summary = timing_object(plant, ecu, ages, during, setup)
     if complete:
-        told["not_valid"] = validity.reasons(_judged(settings, setup, plant, trace, told))
-        told["valid"] = not told["not_valid"]
-    return trace, told
+        summary["not_valid"] = validity.reasons(_judged(settings, setup, plant, trace, summary))
+        summary["valid"] = not summary["not_valid"]
+    return trace, summary
 
 
 def _refused(plant: PlantRecord, ecu: TickTrace) -> tuple[int, int]:
@@ -215,23 +215,23 @@ def _judged(
     setup: Setup,
     plant: PlantRecord,
     trace: Trace,
-    told: Mapping[str, Any],
+    timing: Mapping[str, Any],
 ) -> validity.RunTiming:
     """Return the timing that decides the validity of a run."""
-    whole = experiment.build_world(settings, enabled=False).duration_ns * 1e-9
-    planned = whole if setup.duration is None else setup.duration
+    full = experiment.build_world(settings, enabled=False).duration_ns * 1e-9
+    planned = full if setup.duration is None else setup.duration
     if setup.pace == "lockstep":
-        planned = min(planned, whole)
+        planned = min(planned, full)
     delay = experiment.delay_of(settings)
     tick = settings.tick
-    p99 = told["latency_us"] and 1e-6 * told["latency_us"]["p99"]
+    p99 = timing["latency_us"] and 1e-6 * timing["latency_us"]["p99"]
     return validity.RunTiming(
         due=int((planned + 1e-9) / tick) - 1,
-        ticks=int(told["ticks"]),
+        ticks=int(timing["ticks"]),
         tick=tick,
         plant_late=(plant.loop[:, 0] * 1e-9).tolist(),
-        frames=int(told["frames"]),
-        lost=int(told["frames_lost"]),
+        frames=int(timing["frames"]),
+        lost=int(timing["frames_lost"]),
         planned=planned,
         driven=trace.duration,
         rolled_over=bool(plant.signals["rollover"][-1]),
@@ -241,7 +241,7 @@ def _judged(
         # a sensor that fails makes samples old on any bus
         latency_bound=math.inf if settings.faults else delay.most,
         # time stands still in lock step while something is compiled
-        compilations=int(told["compilations"]) if setup.pace == "realtime" else 0,
+        compilations=int(timing["compilations"]) if setup.pace == "realtime" else 0,
     )
 
 

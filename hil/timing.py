@@ -34,8 +34,8 @@ def quantiles(values_ns: Times) -> dict[str, float] | None:
     """
     if not len(values_ns):
         return None
-    found = np.quantile(values_ns, list(QUANTILES.values()), method="inverted_cdf")
-    return {name: float(value) / 1e3 for name, value in zip(QUANTILES, found, strict=True)}
+    values = np.quantile(values_ns, list(QUANTILES.values()), method="inverted_cdf")
+    return {name: float(value) / 1e3 for name, value in zip(QUANTILES, values, strict=True)}
 
 
 def histogram(values_ns: Times) -> dict[str, Any]:

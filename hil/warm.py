@@ -114,11 +114,11 @@ class Compilations:
 
 
 class _Listener(event.Listener):  # type: ignore[misc]
-    def __init__(self, found: Compilations) -> None:
-        self._found = found
+    def __init__(self, compilations: Compilations) -> None:
+        self._compilations = compilations
 
     def on_start(self, _event: Any) -> None:  # noqa: ANN401
-        self._found.count += 1
+        self._compilations.count += 1
 
     def on_end(self, _event: Any) -> None:  # noqa: ANN401
         pass
@@ -127,6 +127,6 @@ class _Listener(event.Listener):  # type: ignore[misc]
 @contextmanager
 def counted_compilations() -> Iterator[Compilations]:
     """Count what Numba compiles or loads inside."""
-    found = Compilations()
-    with event.install_listener("numba:compiler_lock", _Listener(found)):
-        yield found
+    compilations = Compilations()
+    with event.install_listener("numba:compiler_lock", _Listener(compilations)):
+        yield compilations

@@ -44,7 +44,7 @@ def load(vehicle: Vehicle | Path | str | Mapping[str, Any]) -> Vehicle:
 
     Args:
         vehicle: a name of :func:`names`, a path (anything that ends in ``.toml`` or contains a
-            separator), the table of a vehicle file, or a vehicle, as made of another one by
+            separator), the table of a vehicle file, or a vehicle, as derived from another one by
             :meth:`vehicles.Vehicle.replace`. Files and tables may be short: see
             :mod:`vehicles.short`; a table's references are relative to the current folder.
 

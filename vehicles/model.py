@@ -266,7 +266,7 @@ class Vehicle:
         table = _plain({key: value for key, value in asdict(self).items() if value is not None})
         del table["name"], table["file"]
         if self.magic_formula is not None:
-            # by name: it reads files of vehicles, which are made of this class
+            # by name: it reads files of vehicles, whose records are of this class
             kept = resolve_name("vehicles.tyre_files:standing")(self)
             table["tyre"] = {key: table["tyre"][key] for key in table["tyre"] if key in kept}
         speeds = {name: round(3.6 * speed, 9) for name, speed in table.pop("speeds").items()}
@@ -361,7 +361,7 @@ class Vehicle:
             UnknownNameError: no such key; the nearest is suggested.
             CanrollError: the changes make an impossible or implausible vehicle.
         """
-        # by name: it reads vehicles, which are made of this class
+        # by name: it reads vehicles, whose records are of this class
         vehicle: Vehicle = resolve_name("vehicles.changes:changed")(self, changes, name=name)
         return vehicle
 

@@ -102,10 +102,10 @@ def _over_springs(vehicle: Vehicle) -> float:
     """
     tracks = vehicle.geometry.half_track_front, vehicle.geometry.half_track_rear
     springs = sum(2 * _rate(vehicle, axle) * tracks[axle] ** 2 for axle in (0, 1))
-    whole, tyres = vehicle.plant.roll_stiffness, _tyre_stiffness(vehicle)
-    if whole >= tyres:
+    stiffness, tyres = vehicle.plant.roll_stiffness, _tyre_stiffness(vehicle)
+    if stiffness >= tyres:
         raise ValueError("tyres softer than the car")  # reported where the springs are separated
-    return 1 / (1 / whole - 1 / tyres) / springs
+    return 1 / (1 / stiffness - 1 / tyres) / springs
 
 
 GILLESPIE = "Gillespie, Fundamentals of Vehicle Dynamics, ride and suspension chapters"

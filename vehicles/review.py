@@ -1,4 +1,4 @@
-"""A vehicle beside its class: its ratios and handling quantities with their usual ranges."""
+"""A vehicle and its class: ratios and handling quantities with their usual ranges."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

@@ -54,7 +54,7 @@ def embedded(table: Mapping[str, Any], folder: Path, where: str) -> dict[str, An
         return dict(table)
     names = _names(tyre, where)
     if SECTION in table:
-        raise CanrollError(f"{where}: [{SECTION}] beside tyre.{FILES[0]}: give one of them")
+        raise CanrollError(f"{where}: [{SECTION}] and tyre.{FILES[0]}: give one of them")
     files = tuple(tir.read(folder / name) for name in names)
     standing = {key: value for key, value in tyre.items() if key not in FILES}
     for key in following(*files):
@@ -72,7 +72,7 @@ def embedded(table: Mapping[str, Any], folder: Path, where: str) -> dict[str, An
         elif values:
             if key in standing:
                 raise CanrollError(
-                    f"{where}: tyre.{key} beside {name} of {names[0]}: remove one of them"
+                    f"{where}: tyre.{key} and {name} of {names[0]}: remove one of them"
                 )
             standing[key] = values.pop()
             sources[f"tyre.{key}"] = f"{names[0]}, {name}"

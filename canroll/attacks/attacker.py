@@ -13,7 +13,7 @@ import dbc
 from plant_sim import can_bus
 from plant_sim.can_bus.wire.frame import EXTENDED
 from plant_sim.kernels.instants import STEP_NS
-from plant_sim.nodes import authentication, codec, e2e
+from plant_sim.nodes import authentication, codec, codec_tables, e2e
 from plant_sim.nodes.codec import MAX_PAYLOAD, Codec
 from plant_sim.nodes.sensors import PER_UNIT
 from plant_sim.world import fault_parts, frame_kernel
@@ -65,7 +65,7 @@ class Ear:
 
     def leader(self, message: str) -> int:
         """Row of the frame that carries a message; -1: none does."""
-        row = codec.message_index(message)
+        row = codec_tables.message_index(message)
         on_bus = self.tables.message[row, codec.LENGTH] > 0
         return int(self.tables.message[row, codec.LEADER]) if on_bus else -1
 
@@ -78,9 +78,9 @@ class Ear:
         self, payload: NDArray[np.uint8], message: str, signal: str, value: float
     ) -> NDArray[np.uint8]:
         """Put a value (SI units) of a signal in a payload, if the bus has it."""
-        row = codec.signal_index(message, signal)
+        row = codec_tables.signal_index(message, signal)
         if self.tables.field[row, codec.PIECES]:
-            scaled = value * PER_UNIT.get(codec.unit(message, signal), 1.0)
+            scaled = value * PER_UNIT.get(codec_tables.unit(message, signal), 1.0)
             codec.insert(self.tables, row, payload, codec.raw_value(self.tables, row, scaled))
         return payload
 
@@ -88,10 +88,10 @@ class Ear:
         """A payload like the one heard, with the next sample counter and freshness value."""
         payload = heard.payload.copy()
         for row, name in enumerate(NAMES):
-            names = codec.signal_names(name)
+            names = codec_tables.signal_names(name)
             if self.tables.message[row, codec.LEADER] != heard.row or "SampleCounter" not in names:
                 continue
-            at = codec.signal_index(name, "SampleCounter")
+            at = codec_tables.signal_index(name, "SampleCounter")
             if self.tables.field[at, codec.PIECES]:
                 count = codec.extract(self.tables, at, payload) + 1
                 codec.insert(self.tables, at, payload, count % SAMPLES)
@@ -110,9 +110,9 @@ class Ear:
 
     def finished(self, row: int, payload: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Give a payload the next counter and the right checksum of the end-to-end protection."""
-        its = self.tables
-        count = e2e.counter_of(its.protection[row], its.terms[row], payload) + 1
-        e2e.protect(its.protection[row], its.terms[row], its.crc[row], count, payload)
+        tables = self.tables
+        count = e2e.counter_of(tables.protection[row], tables.terms[row], payload) + 1
+        e2e.protect(tables.protection[row], tables.terms[row], tables.crc[row], count, payload)
         return payload
 
     def forged(self, row: int, payload: NDArray[np.uint8], delay_ns: int = 0) -> Forged:
@@ -134,7 +134,7 @@ class AttackedWorld(World):
     """
 
     def attack(self, forge: Forge, start_ns: int, *, seed: int) -> None:
-        """Let ``forge`` send from ``start_ns`` on; it listens from now on."""
+        """Start ``forge`` at ``start_ns``; it listens from now on."""
         memory = self.parts.memory[0]
         clock = memory["frames"]["clock"]
         fault_parts.add_attackers(clock, self.network)
@@ -161,9 +161,9 @@ class AttackedWorld(World):
         while self.now_ns < until_ns:
             received.append(super().advance(min(self.now_ns + STEP_NS, until_ns)))
             self._turn()
-        found = np.concatenate(received)
-        self.arrivals = [bool(forged) for forged in found["forged"]]
-        return found
+        frames = np.concatenate(received)
+        self.arrivals = [bool(forged) for forged in frames["forged"]]
+        return frames
 
     def _turn(self) -> None:
         ear = self.ear

@@ -40,23 +40,23 @@ class Attack:
 
 def attacks(command: str) -> tuple[Attack, ...]:
     """Return all attacks on a loop that commands its actuators by ``command``."""
-    said = dict(zip(command_signals(command), VALUES[command], strict=True))
-    first = dict([next(iter(said.items()))])
+    command_values = dict(zip(command_signals(command), VALUES[command], strict=True))
+    first = dict([next(iter(command_values.items()))])
     sensors = {
         "Imu": ({"LateralAcceleration": 6.0}, {"RollRate": 0.5}),
         "VehicleMotion": ({"VehicleSpeed": 2.0}, {"SteeringWheelAngle": -1.5}),
         "SuspensionRate": ({"RateFrontLeft": 0.4, "RateRearLeft": 0.4},),
         "ActuatorState": ({"DeliveredMomentFront": 2000.0, "DeliveredMomentRear": 2000.0},),
     }
-    spoofed = [(command, first), (command, said)]
+    spoofed = [(command, first), (command, command_values)]
     spoofed += [(message, values) for message, all_of in sensors.items() for values in all_of]
     both = (command, "Imu")
-    found = [
+    offered = [
         Attack(f"spoofed {message}: {', '.join(values)}", spoof(message, values))
         for message, values in spoofed
     ]
     for message in both:
-        found += [
+        offered += [
             Attack(f"{message} replayed after 0.1 s", replay(message, 100 * MS)),
             Attack(f"{message} replayed after 1 s", replay(message, 1000 * MS)),
             Attack(f"first {message} replayed", replay_first(message)),
@@ -72,7 +72,7 @@ def attacks(command: str) -> tuple[Attack, ...]:
             Attack(f"{message} of a start far ahead", jump(message, 127, -5)),
             Attack(f"flood of {message}", flood(message)),
         ]
-    found += [
+    offered += [
         Attack(
             f"recorded {message} after a reset of {node}",
             after_reset(message),
@@ -80,7 +80,7 @@ def attacks(command: str) -> tuple[Attack, ...]:
         )
         for node, message in (("RollControl", "Imu"), ("Actuator", command), ("Imu", "Imu"))
     ]
-    return tuple(found)
+    return tuple(offered)
 
 
 P = ParamSpec("P")

@@ -66,7 +66,7 @@ class Gate:
         return self._ecu.image()
 
     def restart(self) -> None:
-        """Start anew."""
+        """Restart."""
         self._ecu.restart()
 
     def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
@@ -198,7 +198,7 @@ def run(
         raise CanrollError("--law passive has no control to attack: choose another law")
     settings, controller = plan(scenario, **choices)
     if settings.profile.segments > 1:
-        # what a gateway forwards could not be told from a genuine frame
+        # what a gateway forwards could not be distinguished from a genuine frame
         raise CanrollError(
             f"bus {settings.bus} has several segments: attacks need a bus of one, such as 500k"
         )

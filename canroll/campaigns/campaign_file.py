@@ -144,9 +144,9 @@ def fault_sets(faults: Sequence[str], single: float, double: float) -> Discrete:
     sets: list[tuple[str, ...]] = [()]
     shares = [1.0 - single - double]
     for count, share in ((1, single), (2, double)):
-        found = list(combinations(faults, count)) if share > 0.0 else []
-        sets += found
-        shares += [share / len(found) for _ in found]
+        chosen = list(combinations(faults, count)) if share > 0.0 else []
+        sets += chosen
+        shares += [share / len(chosen) for _ in chosen]
     return Discrete(tuple(sets), tuple(shares))
 
 
@@ -205,10 +205,10 @@ def _chunk(runs: int) -> int:
 
 
 def _table(table: Mapping[str, Any], key: str, path: Path) -> Mapping[str, Any]:
-    found = table.get(key, {})
-    if not isinstance(found, Mapping):
+    content = table.get(key, {})
+    if not isinstance(content, Mapping):
         raise CanrollError(f"{path}: {key} must be a table, write [{key}]")
-    return found
+    return content
 
 
 def _whole(value: object, where: str, least: int, most: int) -> int:
@@ -237,7 +237,7 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
 
 def _choices(table: Mapping[str, Any], where: str) -> dict[str, Any]:
     """Return the choices of the run, each checked."""
-    found = {}
+    choices = {}
     known = [name for name in CHOICES if name not in OWN]
     for name, value in table.items():
         if name not in known:
@@ -256,8 +256,8 @@ def _choices(table: Mapping[str, Any], where: str) -> dict[str, Any]:
             choice.check(value)
         except CanrollError as error:
             raise CanrollError(f"{where} {name}: {error}") from error
-        found[name] = value
-    return found
+        choices[name] = value
+    return choices
 
 
 _KINDS: dict[type, tuple[tuple[type, ...], str]] = {

@@ -118,7 +118,7 @@ def read(written: object, where: str) -> Distribution:
         where: file and key, for messages.
 
     Raises:
-        CanrollError: it cannot be; the message names file and key.
+        CanrollError: it is invalid; the message names file and key.
     """
     if not isinstance(written, Mapping) or not written:
         example = "{uniform = [0.9, 1.1]}"
@@ -152,10 +152,10 @@ def _continuous(kind: str, written: Mapping[str, Any], where: str) -> Continuous
     if "within" not in written:
         return Continuous(kind, first, second)
     low, high = _pair(written["within"], f"{where}.within")
-    found = Continuous(kind, first, second, (low, high))
-    if not low < high or ndtr(found._score(high)) - ndtr(found._score(low)) < FAR:
+    distribution = Continuous(kind, first, second, (low, high))
+    if not low < high or ndtr(distribution._score(high)) - ndtr(distribution._score(low)) < FAR:
         raise CanrollError(f"{where}.within: [{low:g}, {high:g}] holds none of the distribution")
-    return found
+    return distribution
 
 
 def _pair(written: object, where: str) -> tuple[float, float]:

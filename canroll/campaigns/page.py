@@ -28,9 +28,9 @@ WORDS = {"passive": "without control", "controlled": "with control"}
 def probability_table(campaign: Campaign) -> PageTable:
     """Return count and interval of each event."""
     rows: list[list[str | Cell]] = []
-    found = probabilities(campaign)
+    estimates = probabilities(campaign)
     for name, event in EVENTS.items():
-        one = found[name]
+        one = estimates[name]
         place = f"probabilities.{name}"
         rows.append(
             [
@@ -50,20 +50,20 @@ def probability_table(campaign: Campaign) -> PageTable:
         "so that the campaign could stop at the asked width.",
     }
     head = ("", "draws", "probability", "at least", "at most")
-    return PageTable("Probabilities", head, rows, notes[found["fails"]["interval"]])
+    return PageTable("Probabilities", head, rows, notes[estimates["fails"]["interval"]])
 
 
 def quantile_table(campaign: Campaign) -> PageTable:
     """Return least, 5 %, 50 %, 95 % and largest of each figure, without and with control."""
-    found = campaign.summary.quantiles()
-    columns = list(found[QUANTITIES[0]]["passive"])
+    quantiles = campaign.summary.quantiles()
+    columns = list(quantiles[QUANTITIES[0]]["passive"])
     rows: list[list[str | Cell]] = []
     for name in QUANTITIES:
         label, digits = BY_KEY[name].title, BY_KEY[name].digits
         for side, word in WORDS.items():
             if name == "moment_rms_nm" and side == "passive":
                 continue
-            values = found[name][side]
+            values = quantiles[name][side]
             place = f"quantiles.{name}.{side}"
             cells = [number(values[key], digits, f"{place}.{key}") for key in columns]
             rows.append([f"{label}, {word}", *cells])
@@ -96,7 +96,7 @@ def hardest_table(campaign: Campaign, command: str) -> PageTable:
 
 def influence_table(campaign: Campaign) -> PageTable | None:
     """Return the drawn quantities, the most influential first; None if none is drawn."""
-    found = influences(campaign.plan, campaign.summary)
+    ranked = influences(campaign.plan, campaign.summary)
     rows: list[list[str | Cell]] = [
         [
             each.name,
@@ -105,15 +105,15 @@ def influence_table(campaign: Campaign) -> PageTable | None:
             _text(each.rank_reduction),
             _text(each.separates),
         ]
-        for each in found
+        for each in ranked
     ]
     head = ("", "first-order index", "rank correlation", "with reduction", "separates failures")
     note = (
         "Of the largest roll angle with control, over the first "
         f"{count_of(campaign.summary.sample)} draws: share of its variance explained by one "
         "quantity alone, Spearman's correlation with it and with its reduction by control; the "
-        "probability that the quantity tells a failing draw from a good one (0.5: no better than "
-        "chance; blank: too few failures)."
+        "probability that the quantity separates a failing draw from a good one (0.5: no better "
+        "than chance; blank: too few failures)."
     )
     return PageTable("What matters", head, rows, note) if rows else None
 

@@ -88,13 +88,13 @@ class CampaignPlan:
         """
         numbers = self.numbers(chunk)
         points = self.sampling.points(chunk, self.space.size)[: len(numbers)]
-        found = [self._valid(*each) for each in zip(points, numbers, strict=True)]
+        valid = [self._valid(*each) for each in zip(points, numbers, strict=True)]
         columns: Columns = {
             "draw": np.array(numbers, dtype=np.int64),
-            "redrawn": np.array([tries for _, _, tries in found], dtype=np.int64),
-            **self.columns([values for values, _, _ in found]),
+            "redrawn": np.array([tries for _, _, tries in valid], dtype=np.int64),
+            **self.columns([values for values, _, _ in valid]),
         }
-        return columns, [settings for _, settings, _ in found]
+        return columns, [settings for _, settings, _ in valid]
 
     def draw(self, number: int) -> Settings:
         """Return the settings of one draw.
@@ -160,14 +160,14 @@ def drive_chunk(plan: CampaignPlan, chunk: int) -> Columns:
 
 def driven(controller: PreparedController, settings: list[Settings]) -> Columns:
     """Return the columns of figures and verdicts of draws."""
-    found = figures(controller, settings)
+    metrics = figures(controller, settings)
     columns: Columns = {
-        f"{side}_{metric.key}": np.ascontiguousarray(found[side][metric.key])
+        f"{side}_{metric.key}": np.ascontiguousarray(metrics[side][metric.key])
         for side in SIDES
         for metric in METRICS
     }
     for name in ("safe", "cycle_hz", "cycle_nm"):
-        columns[name] = np.ascontiguousarray(found[name])
+        columns[name] = np.ascontiguousarray(metrics[name])
     faulted = np.array([bool(each.faults) for each in settings])
     return {**columns, "verdict": verdicts(columns, faulted)}
 

@@ -3,7 +3,7 @@
 The event is approached by levels, each reached by about a tenth of the samples on the level before
 (Au and Beck 2001). On a level Markov chains start from the samples that reached it; a step moves
 the normal scores of the quantities by a correlated Gaussian proposal (Papaioannou et al. 2015) and
-draws the seed of noise and background traffic anew half of the time; it is accepted if it stays on
+redraws the seed of noise and background traffic half of the time; it is accepted if it stays on
 the level. The probability is the product of the shares of the levels. Its coefficient of variation
 is the sum of those of the levels: the bound for levels that depend on each other as much as
 possible (Au and Beck 2001, section 5.2), so that the interval is rather wide.
@@ -60,7 +60,7 @@ def joined(parts: list[Samples]) -> Samples:
 
 Evaluate = Callable[[str, Matrix, NDArray[np.int64]], Vector]
 """Returns the level of each sample from the name of the batch, unit points and seeds; at least 1:
-the event; −inf: a draw that cannot be."""
+the event; −inf: an invalid draw."""
 
 
 @dataclass
@@ -101,14 +101,14 @@ def estimate(evaluate: Evaluate, dimensions: int, *, samples: int, seed: int) ->
     """
     random = np.random.default_rng(seed)
     chosen = round(SHARE * samples)
-    found = _first(evaluate, random, dimensions, samples)
+    population = _first(evaluate, random, dimensions, samples)
     chains = np.arange(samples)
     result = Estimate(1.0, 0.0, runs=samples)
     for number in range(1, LEVELS + 1):
-        order = np.argsort(-found.level, kind="stable")
-        hits = int(np.sum(found.level >= EVENT))
-        threshold = EVENT if hits >= chosen else float(found.level[order[chosen - 1]])
-        reached = found.level >= threshold
+        order = np.argsort(-population.level, kind="stable")
+        hits = int(np.sum(population.level >= EVENT))
+        threshold = EVENT if hits >= chosen else float(population.level[order[chosen - 1]])
+        reached = population.level >= threshold
         share = float(np.mean(reached))
         result.variation += _variation(reached, chains, share)
         result.probability *= share
@@ -116,12 +116,12 @@ def estimate(evaluate: Evaluate, dimensions: int, *, samples: int, seed: int) ->
         if threshold >= EVENT or share == 1.0:
             done = threshold >= EVENT
             result.probability = result.probability if done else 0.0
-            result.event = found.taken(np.flatnonzero(reached)) if done else None
+            result.event = population.taken(np.flatnonzero(reached)) if done else None
             break
-        found, chains = _chains(
+        population, chains = _chains(
             evaluate,
             random,
-            found.taken(order[:chosen]),
+            population.taken(order[:chosen]),
             threshold,
             samples=samples,
             number=number,
@@ -135,7 +135,7 @@ def estimate(evaluate: Evaluate, dimensions: int, *, samples: int, seed: int) ->
 def _first(
     evaluate: Evaluate, random: np.random.Generator, dimensions: int, samples: int
 ) -> Samples:
-    """Return independent samples; those that cannot be are drawn again."""
+    """Return independent samples; invalid ones are drawn again."""
     parts: list[Samples] = []
     missing, attempt = samples, 0
     while missing:

@@ -1,4 +1,4 @@
-"""What the draws depend on: ranks, first-order indices, and what tells failures from the rest."""
+"""Influences on the draws: ranks, first-order indices, what separates failures from the rest."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ BINS = 20
 LEAST_BIN = 10
 """Draws of a bin, at least."""
 LEAST_FAILED = 5
-"""Failing draws, below which nothing is said about what predicts them."""
+"""Least number of failing draws for a statement about what predicts them."""
 MARGIN_DRAWS = 60
 """Failing draws, and as many good ones, whose linear margins are computed."""
 MARGINS = ("gain margin (dB)", "phase margin (deg)", "modulus margin 1/Ms")
@@ -38,7 +38,7 @@ class Influence:
             index, from the draws' conditional means).
         rank_reduction: Spearman's correlation with the reduction of the roll angle by control.
         separates: probability that the quantity is farther to one side in a failing draw than in a
-            good one; 0.5: it tells nothing; None with few failures, or without order.
+            good one; 0.5: no information; None with few failures, or without order.
     """
 
     name: str
@@ -52,11 +52,11 @@ def influences(plan: CampaignPlan, summary: Summary) -> list[Influence]:
     """Return the influence of every drawn quantity, the largest first-order index first."""
     rows, failed = summary.sample, summary.failed
     roll, less = rows["controlled_roll_max_deg"], reduction(rows)
-    found = []
+    ranked = []
     for name in plan.space.names:
         values = rows[name]
         ordered = values.dtype != object
-        found.append(
+        ranked.append(
             Influence(
                 name,
                 _rank(values, roll) if ordered else None,
@@ -65,7 +65,7 @@ def influences(plan: CampaignPlan, summary: Summary) -> list[Influence]:
                 separation(failed[name], _good(rows)[name]) if ordered and failed else None,
             )
         )
-    return sorted(found, key=lambda each: -each.first_order)
+    return sorted(ranked, key=lambda each: -each.first_order)
 
 
 def _rank(values: NDArray[np.float64], figure: NDArray[np.float64]) -> float | None:
@@ -113,7 +113,7 @@ def _good(rows: Columns) -> Columns:
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """A linear margin beside the failures: its median in failing and good draws."""
+    """A linear margin and the failures: median of the margin in failing and good draws."""
 
     name: str
     failed: float
@@ -122,7 +122,7 @@ class Prediction:
 
 
 def predictions(plan: CampaignPlan, summary: Summary) -> list[Prediction]:
-    """Return how well each linear margin of the drawn vehicles tells failures from good draws.
+    """Return how well each linear margin of the drawn vehicles separates failures from good draws.
 
     The margins are those of the frozen controller on each vehicle at its own speed, driving
     straight, at the longest delay of its bus. Empty with few failures, or for a vehicle without a
@@ -164,7 +164,7 @@ def _margins(plan: CampaignPlan, draw: int) -> tuple[float, float, float]:
     )
     condition = Condition("laden", settings.speed)
     members = family(task.vehicle, delay, tick=task.tick, lag=task.lag, conditions=(condition,))
-    found = members.margins(dequantise(plan.controller.record)).rows[-1].margins
-    gain = found.gain_db if isfinite(found.gain_db) else CAP
-    phase = found.phase_deg if isfinite(found.phase_deg) else 180.0
-    return gain, phase, found.modulus
+    margins = members.margins(dequantise(plan.controller.record)).rows[-1].margins
+    gain = margins.gain_db if isfinite(margins.gain_db) else CAP
+    phase = margins.phase_deg if isfinite(margins.phase_deg) else 180.0
+    return gain, phase, margins.modulus

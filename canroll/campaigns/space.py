@@ -49,11 +49,11 @@ class Space:
         if self.correlations:
             scores = ndtri(np.clip(point, EDGE, 1.0 - EDGE))
             point = ndtr(self.factor() @ scores)
-        found = {}
+        cells = {}
         for name, distribution, unit in zip(self.names, self.distributions, point, strict=True):
             value = distribution.quantile(np.array([unit]))[0]
-            found[name] = value.item() if isinstance(value, np.generic) else value
-        return found
+            cells[name] = value.item() if isinstance(value, np.generic) else value
+        return cells
 
     def factor(self) -> Matrix:
         """Return the Cholesky factor of the correlation of the normal scores.

@@ -99,12 +99,12 @@ class Splitting:
                     progress(len(names) * PIECE, float(rows["level"].max()))
                 return np.concatenate(levels)
 
-            found = estimate(
+            result = estimate(
                 evaluate, self.plan.space.size, samples=self.samples, seed=self.plan.sampling.seed
             )
         if means.store is not None:
             means.store.join(names, table_of(means.store.folder))
-        return found
+        return result
 
     def first_event(self, folder: Path) -> int:
         """Return the number of the first sample of a finished estimate with the event."""
@@ -121,11 +121,11 @@ class Splitting:
         if not path.is_file():
             raise CanrollError(f"{path}: no finished estimate: drive it first, with the same --out")
         rows = Chunks(folder, self.digest).columns(path)
-        found = np.flatnonzero(rows["draw"] == number)
-        if not len(found):
+        places = np.flatnonzero(rows["draw"] == number)
+        if not len(places):
             raise CanrollError(f"--only {number}: {path} has no such sample")
-        units = [rows[f"{UNIT}{i}"][found[0]] for i in range(self.plan.space.size)]
-        return self.plan.at(np.array(units), int(rows["seed"][found[0]]))[1]
+        units = [rows[f"{UNIT}{i}"][places[0]] for i in range(self.plan.space.size)]
+        return self.plan.at(np.array(units), int(rows["seed"][places[0]]))[1]
 
 
 def drive_samples(
@@ -153,10 +153,10 @@ def drive_samples(
     level = np.full(len(seeds), -np.inf)
     if valid.any():
         try:
-            found = driven(plan.controller, [settings[i] for i in np.flatnonzero(valid)])
+            columns = driven(plan.controller, [settings[i] for i in np.flatnonzero(valid)])
         except CanrollError as error:
             raise CanrollError(f"samples from {first} on: {error}") from None
         level_of = EVENTS[event].level
         assert level_of is not None
-        level[valid] = level_of(found)
+        level[valid] = level_of(columns)
     return {**rows, "level": level}

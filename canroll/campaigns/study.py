@@ -1,4 +1,4 @@
-"""A campaign: drive the chunks of a plan that are not there yet, and sum up the table."""
+"""A campaign: run the missing chunks of a plan and summarise the results."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -72,10 +72,10 @@ class Campaign:
     @property
     def verdict(self) -> str:
         """The verdict in one line."""
-        found, draws = self.summary, self.summary.draws
-        others = [f"{n} {word}" for word, n in found.verdicts.items() if n and word != HELPS]
+        summary, draws = self.summary, self.summary.draws
+        others = [f"{n} {word}" for word, n in summary.verdicts.items() if n and word != HELPS]
         text = f": {', '.join(others)}" if others else ""
-        return f"Control is good in {draws - found.fails} of {draws} runs{text}"
+        return f"Control is good in {draws - summary.fails} of {draws} runs{text}"
 
     @property
     def hardest(self) -> dict[str, Any]:
@@ -84,40 +84,40 @@ class Campaign:
 
     def to_json(self) -> dict[str, Any]:
         """Return the object printed by ``canroll campaign --json``."""
-        plan, found = self.plan, self.summary
+        plan, summary = self.plan, self.summary
         return {
             "scenario": plan.settings.scenario,
             **plan.settings.vehicles,
             "law": plan.settings.law,
-            "runs": found.draws,
+            "runs": summary.draws,
             "seed": plan.sampling.seed,
             "sampling": plan.sampling.method,
             "draw": plan.description["draw"],
             "correlations": plan.description["correlations"],
             "verdict": self.verdict,
-            "failed": [int(draw) for draw in found.failed.get("draw", ())],
+            "failed": [int(draw) for draw in summary.failed.get("draw", ())],
             "hardest": self.hardest["draw"],
-            "worst_by": found.worst_by,
+            "worst_by": summary.worst_by,
             "probabilities": probabilities(self),
-            "quantiles": found.quantiles(),
+            "quantiles": summary.quantiles(),
             "worst": [
-                plain(found.worst, row) | {"reduction": float(reduction(found.worst)[row])}
-                for row in range(count_of(found.worst))
+                plain(summary.worst, row) | {"reduction": float(reduction(summary.worst)[row])}
+                for row in range(count_of(summary.worst))
             ],
         }
 
 
 def probabilities(campaign: Campaign) -> dict[str, dict[str, Any]]:
     """Return count, share and interval of every event, and by which method."""
-    found, until = campaign.summary, campaign.until
+    summary, until = campaign.summary, campaign.until
     independent = campaign.plan.sampling.method == RANDOM
     method = "exact" if independent else "as if independent"
     answer = {}
-    for name, count in found.events.items():
-        interval = found.interval(name) if until is None else found.sequence(name)
+    for name, count in summary.events.items():
+        interval = summary.interval(name) if until is None else summary.sequence(name)
         answer[name] = {
             "count": count,
-            "share": count / found.draws,
+            "share": count / summary.draws,
             "low": interval.low,
             "high": interval.high,
             "interval": method if until is None else "at any time",
@@ -234,11 +234,11 @@ def campaign(
     if folder is not None:
         store = opened(Path(folder), plan.digest, plan.description, resume=True)
     chunks: list[Columns] = []
-    found = run(plan, Means(store, jobs=jobs, watch=watch, draws=chunks.append))
+    finished = run(plan, Means(store, jobs=jobs, watch=watch, draws=chunks.append))
     draws = chunks[0]
     for more in chunks[1:]:
         draws = joined(draws, more)
-    return replace(found, draws=draws)
+    return replace(finished, draws=draws)
 
 
 def run(plan: CampaignPlan, means: Means, *, until: Until | None = None) -> Campaign:
@@ -296,9 +296,9 @@ def merge(folders: Sequence[Path], store: Chunks, plan: CampaignPlan) -> None:
     for chunk in range(plan.chunks):
         name = chunk_name(chunk)
         others = (Chunks(folder, plan.digest) for folder in folders if folder != store.folder)
-        found = None if store.has(name) else next((o for o in others if o.has(name)), None)
-        if found is not None:
-            store.take(found, name)
+        source = None if store.has(name) else next((o for o in others if o.has(name)), None)
+        if source is not None:
+            store.take(source, name)
         elif not store.has(name):
             missing.append(chunk)
     if missing:

@@ -55,9 +55,9 @@ class Sketch:
         ranks = shares * (total[-1] - 1)
         bins = np.searchsorted(total, ranks, side="right")
         middles = np.where(bins == 0, 0.0, 2.0 * LEAST * GAMMA**bins / (GAMMA + 1.0))
-        found = np.clip(middles, self.low, self.high)
-        found[shares <= 0.0], found[shares >= 1.0] = self.low, self.high
-        return np.asarray(found, dtype=np.float64)
+        values = np.clip(middles, self.low, self.high)
+        values[shares <= 0.0], values[shares >= 1.0] = self.low, self.high
+        return np.asarray(values, dtype=np.float64)
 
 
 @dataclass
@@ -117,13 +117,13 @@ class Summary:
 
     def quantiles(self) -> dict[str, dict[str, dict[str, float]]]:
         """Return least, 5 %, 50 %, 95 % and largest of each figure, without and with control."""
-        found: dict[str, dict[str, dict[str, float]]] = {name: {} for name in QUANTITIES}
+        by_quantity: dict[str, dict[str, dict[str, float]]] = {name: {} for name in QUANTITIES}
         shares = np.array([0.0, *(q / 100 for q in QUANTILES), 1.0])
         keys = ("min", *(f"p{q}" for q in QUANTILES), "max")
         for (name, side), sketch in self.sketches.items():
             values = map(float, sketch.quantiles(shares))
-            found[name][side] = dict(zip(keys, values, strict=True))
-        return found
+            by_quantity[name][side] = dict(zip(keys, values, strict=True))
+        return by_quantity
 
 
 def count_of(rows: Columns) -> int:
@@ -167,5 +167,5 @@ def order(by: str) -> str:
 
 def plain(rows: Columns, index: int) -> dict[str, Any]:
     """Return a row as plain data."""
-    found = {name: column[index] for name, column in rows.items()}
-    return {k: v.item() if isinstance(v, np.generic) else v for k, v in found.items()}
+    cells = {name: column[index] for name, column in rows.items()}
+    return {k: v.item() if isinstance(v, np.generic) else v for k, v in cells.items()}

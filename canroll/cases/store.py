@@ -108,7 +108,7 @@ def restored(kind: Any, value: Any) -> Any:  # noqa: ANN401
 
 @contextmanager
 def placed(path: Path) -> Iterator[Path]:
-    """Yield a file beside ``path`` that is moved there when the body has succeeded."""
+    """Yield a file next to ``path`` that is moved there when the body has succeeded."""
     # machines that share a folder may have processes of the same number
     part = path.with_name(f".{path.name}.{token_hex(8)}.part")
     try:

@@ -51,10 +51,10 @@ def chosen(choices: dict[str, Any]) -> list[dict[str, Any]]:
     return [{**without_key, "bus": plain}, {**choices, "bus": secured}]
 
 
-def rows(its: Suite) -> Iterator[tuple[str, ...]]:
+def rows(suite: Suite) -> Iterator[tuple[str, ...]]:
     """Yield a row for each attack, and one for the vehicle without control."""
-    yield from map(row, its.outcomes)
-    yield ("without control", "", "", "", f"{its.passive_roll_deg:.2f}", "", "", "")
+    yield from map(row, suite.outcomes)
+    yield ("without control", "", "", "", f"{suite.passive_roll_deg:.2f}", "", "", "")
 
 
 def row(outcome: AttackOutcome) -> tuple[str, ...]:

@@ -128,11 +128,11 @@ def _drive(
                 assert chunks is not None
                 count = study.run_shard(plan, means, args.shard)
                 first, of = args.shard
-                told = {"shard": f"{first}/{of}", "chunks": count, "folder": str(chunks.folder)}
+                about = {"shard": f"{first}/{of}", "chunks": count, "folder": str(chunks.folder)}
                 text = f"shard {first} of {of}: {count} chunks in {chunks.folder}"
-                print(json.dumps(told) if args.json else text)
+                print(json.dumps(about) if args.json else text)
                 return 0
-            found = study.run(plan, means, until=until)
+            campaign = study.run(plan, means, until=until)
     except KeyboardInterrupt:
         if chunks is not None:
             kept = len(list(chunks.folder.glob("*.parquet")))
@@ -141,22 +141,22 @@ def _drive(
             )
         raise
     command = command_of(args)
-    numbers = found.to_json() | {"command": command}
-    texts = {"report": (".html", lambda: page.campaign_page(found, command, numbers))}
+    numbers = campaign.to_json() | {"command": command}
+    texts = {"report": (".html", lambda: page.campaign_page(campaign, command, numbers))}
     data = {"files": {}, **write_page(out, "campaign", texts, numbers)}
-    if found.file is not None:
-        data["files"]["table"] = str(found.file)
+    if campaign.file is not None:
+        data["files"]["table"] = str(campaign.file)
     if args.json:
         print(json.dumps(data))
-        return 1 if found.summary.fails else 0
-    terminal.show_verdict(found.verdict, good=not found.summary.fails)
-    terminal.show_warnings(found.nominal.warnings)
-    for table in (page.probability_table(found), page.quantile_table(found)):
+        return 1 if campaign.summary.fails else 0
+    terminal.show_verdict(campaign.verdict, good=not campaign.summary.fails)
+    terminal.show_warnings(campaign.nominal.warnings)
+    for table in (page.probability_table(campaign), page.quantile_table(campaign)):
         terminal.show_table(table)
         print()
-    if until is not None and not until.reached(found.summary):
-        print(f"--until {until.width:g} is not reached by {found.summary.draws} draws")
-    worst = found.hardest
+    if until is not None and not until.reached(campaign.summary):
+        print(f"--until {until.width:g} is not reached by {campaign.summary.draws} draws")
+    worst = campaign.hardest
     before, after = (worst[f"{side}_roll_max_deg"] for side in SIDES)
     print(
         f"hardest ({order(args.worst_by)}): draw {worst['draw']}, {worst['verdict']}, largest "
@@ -164,7 +164,7 @@ def _drive(
         f"see it with\n{command} --only {worst['draw']}"
     )
     terminal.show_files(data["files"])
-    return 1 if found.summary.fails else 0
+    return 1 if campaign.summary.fails else 0
 
 
 def command_of(args: argparse.Namespace) -> str:
@@ -210,33 +210,33 @@ def _rare(args: argparse.Namespace, plan: CampaignPlan, folder: Path | None) -> 
         chunks = store.opened(folder, splitting.digest, about, resume=args.resume)
     label = EVENTS[args.rare].label
     with terminal.progress(quiet=args.json) as progress:
-        found = splitting.run(
+        estimate = splitting.run(
             study.Means(chunks, args.scheduler, args.jobs),
             lambda count, level: progress(label, min(level, 1.0)),
         )
-    low, high = found.interval
+    low, high = estimate.interval
     data = {
         "event": args.rare,
-        "probability": found.probability,
+        "probability": estimate.probability,
         "low": low,
         "high": high,
-        "variation": found.variation,
-        "runs": found.runs,
-        "levels": [{"level": level, "share": share} for level, share in found.levels],
+        "variation": estimate.variation,
+        "runs": estimate.runs,
+        "levels": [{"level": level, "share": share} for level, share in estimate.levels],
         "command": command_of(args),
         "table": None if chunks is None else str(store.table_of(chunks.folder)),
     }
     if args.json:
         print(json.dumps(data))
         return 0
-    if not found.probability:
+    if not estimate.probability:
         print(f"{label}: not reached; its probability is below about {high:.0e}")
     else:
         print(
-            f"{label}: probability {found.probability:.2e}, 95 % from {low:.2e} to {high:.2e}, "
-            f"by {found.runs} samples on {len(found.levels)} levels"
+            f"{label}: probability {estimate.probability:.2e}, 95 % from {low:.2e} to {high:.2e}, "
+            f"by {estimate.runs} samples on {len(estimate.levels)} levels"
         )
-    if chunks is not None and found.probability:
+    if chunks is not None and estimate.probability:
         first = splitting.first_event(chunks.folder)
         print(
             f"see one with\n{command_of(args)} --out {args.out or folder_of(args)} --only {first}"
@@ -252,7 +252,7 @@ def _merge(args: argparse.Namespace) -> int:
         raise CanrollError("merge: name the --out folders of the shards")
     arguments = store.plan_in(folders[0]).get(store.ARGUMENTS)
     if not isinstance(arguments, list) or not all(isinstance(word, str) for word in arguments):
-        raise CanrollError(f"{folders[0]}: its plan has no command line: write it anew by a shard")
+        raise CanrollError(f"{folders[0]}: plan.json records no command line: run a shard again")
     planned = parse(arguments)
     planned.out, planned.json, planned.jobs = args.out, args.json, args.jobs
     planned.shard, planned.resume = None, True

@@ -56,27 +56,27 @@ def run(args: argparse.Namespace) -> int:
     calibration = calibration_file.load(args.calibration)
     path = None if args.json and args.out is None else _certificate(args.out, calibration)
     task = _task(args, calibration)
-    found = certify(task, calibration)
-    worst = least_stable(found.unproved, calibration, task.delay.most)[:MOST]
-    missing = [shortfall(member, task, calibration, found.delay) for member in worst]
-    text = json.dumps(found.content, indent=1, ensure_ascii=False)
+    certificate = certify(task, calibration)
+    worst = least_stable(certificate.unproved, calibration, task.delay.most)[:MOST]
+    missing = [shortfall(member, task, calibration, certificate.delay) for member in worst]
+    text = json.dumps(certificate.content, indent=1, ensure_ascii=False)
     if path is not None:
         with writing(path):
             path.write_text(text + "\n", encoding="utf-8")
         text = path.read_text(encoding="utf-8")
-    integers = {name: getattr(calibration.record, name) for name in found.content["integers"]}
+    integers = {name: getattr(calibration.record, name) for name in certificate.content["integers"]}
     begin = perf_counter()
     refused = checker.check(json.loads(text), integers)
     took = perf_counter() - begin
     if refused:
         raise AssertionError(f"the checker refuses its own certificate: {refused}")
     if args.json:
-        print(json.dumps(to_json(found, missing, task, calibration.law, path)))
+        print(json.dumps(to_json(certificate, missing, task, calibration.law, path)))
     else:
-        print("\n".join(lines(found, missing, task, calibration)))
+        print("\n".join(lines(certificate, missing, task, calibration)))
         print(f"checked again from the file by checker.py in {took:.1f} s")
         print(f"written: {path}")
-    return 0 if found.proved else 1
+    return 0 if certificate.proved else 1
 
 
 def _certificate(out: Path | None, calibration: LoadedCalibration) -> Path:
@@ -108,17 +108,20 @@ def _task(args: argparse.Namespace, calibration: LoadedCalibration) -> Task:
 
 
 def lines(
-    found: "Certificate", missing: "list[Shortfall]", task: Task, calibration: LoadedCalibration
+    certificate: "Certificate",
+    missing: "list[Shortfall]",
+    task: Task,
+    calibration: LoadedCalibration,
 ) -> Iterator[str]:
     """Yield the answer, then what is proved under which assumptions and what is not."""
-    conditions = len(found.content["conditions"])
+    conditions = len(certificate.content["conditions"])
     extent = f"{1e3 * task.delay.least:.4g} to {1e3 * task.delay.most:.4g} ms"
     loop = f"{calibration.law} for {task.vehicle.reference}"
     limit = calibration.record.moment_max / (1 << Q_MOMENT)
-    if not found.proved:
+    if not certificate.proved:
         yield (
             f"NOT PROVED: {loop}, delays of {extent} from sample to force: no proof in "
-            f"{len(found.unproved)} of {conditions} conditions"
+            f"{len(certificate.unproved)} of {conditions} conditions"
         )
         for short in missing:
             yield from _short(short)
@@ -128,42 +131,43 @@ def lines(
             f"force, a new one every tick, in all {conditions} conditions, with the integers as "
             "stored and a command every tick"
         )
-        roll, moment = found.worst("every tick")
+        roll, moment = certificate.worst("every tick")
         yield (
             "roundings of the code and resolutions of the bus alone keep the roll angle within "
             f"{_up(roll, 4)}° and the command within {_up(moment, 1)} N·m at the ticks"
         )
-        if found.triggered is not None:
-            yield _trigger(found, conditions, limit)
-        lost = f"up to {found.lost} commands in a row" if found.lost else "no command"
+        if certificate.triggered is not None:
+            yield _trigger(certificate, conditions, limit)
+        lost = f"up to {certificate.lost} commands in a row" if certificate.lost else "no command"
         yield f"it stays proved where {lost} may be lost again and again"
-        yield _steered(found, limit)
-    yield from _levels(found)
-    if found.note:
-        yield f"warning: the only condition is the 1-DOF roll model: {found.note}"
-    for sentence in found.content["assumptions"]:
+        yield _steered(certificate, limit)
+    yield from _levels(certificate)
+    if certificate.note:
+        yield f"warning: the only condition is the 1-DOF roll model: {certificate.note}"
+    for sentence in certificate.content["assumptions"]:
         yield f"assumed: {sentence}"
     yield f"not proved: {SIMULATED}"
 
 
-def _steered(found: "Certificate", limit: float) -> str:
-    if not found.steered:
+def _steered(certificate: "Certificate", limit: float) -> str:
+    if not certificate.steered:
         return "no proof that values of the code do not saturate in curves and on a bank"
     from gain_gen.certificate.disturbed import BANK  # noqa: PLC0415 - needs the extra
 
-    roll, moment = found.worst("steered")
+    roll, moment = certificate.worst("steered")
     text = (
-        f"no value that the code stores saturates with steering of up to {found.steered:g} m/s² at "
-        f"any rate on a bank of up to {100.0 * BANK:.0f} %: the roll angle stays within "
+        f"no value that the code stores saturates with steering of up to "
+        f"{certificate.steered:g} m/s² at any rate on a bank of up to "
+        f"{100.0 * BANK:.0f} %: the roll angle stays within "
         f"{_up(roll, 2)}° and the command within {_up(moment, 0)} N·m"
     )
     return text + _beyond(moment, limit)
 
 
-def _levels(found: "Certificate") -> Iterator[str]:
+def _levels(certificate: "Certificate") -> Iterator[str]:
     for name, words in LEVELS.items():
-        if name in found.levels:
-            yield f"{words} {_up(found.levels[name], 4)}"
+        if name in certificate.levels:
+            yield f"{words} {_up(certificate.levels[name], 4)}"
 
 
 def _beyond(moment: float, limit: float) -> str:
@@ -172,10 +176,10 @@ def _beyond(moment: float, limit: float) -> str:
     return f", which is beyond the limit of {limit:.0f} N·m and so assumes a stronger actuator"
 
 
-def _trigger(found: "Certificate", conditions: int, limit: float) -> str:
+def _trigger(certificate: "Certificate", conditions: int, limit: float) -> str:
     names = [
         condition["name"]
-        for condition in found.content["conditions"]
+        for condition in certificate.content["conditions"]
         if any(claim["name"] == "event trigger" for claim in condition["claims"])
     ]
     if not names:
@@ -183,13 +187,13 @@ def _trigger(found: "Certificate", conditions: int, limit: float) -> str:
             "with the event trigger's withheld commands there is no proof in any condition; design "
             "with --trigger every for a proved loop"
         )
-    roll, moment = found.worst("event trigger")
-    where = "all" if found.triggered else f"{len(names)} of {conditions}"
+    roll, moment = certificate.worst("event trigger")
+    where = "all" if certificate.triggered else f"{len(names)} of {conditions}"
     text = (
         f"with the event trigger's withheld commands the same holds in {where} conditions, within "
         f"{_up(roll, 2)}° and {_up(moment, 0)} N·m there"
     )
-    if not found.triggered:
+    if not certificate.triggered:
         text += "; design with --trigger every for a loop that is proved in all"
     return text + _beyond(moment, limit)
 
@@ -208,26 +212,26 @@ def _short(short: "Shortfall") -> Iterator[str]:
 
 
 def to_json(
-    found: "Certificate",
+    certificate: "Certificate",
     missing: "list[Shortfall]",
     task: Task,
     law: str,
     path: Path | None,
 ) -> dict[str, Any]:
     """Return the answer as plain numbers."""
-    roll, moment = found.worst("every tick") if found.proved else (None, None)
+    roll, moment = certificate.worst("every tick") if certificate.proved else (None, None)
     return {
-        "proved": found.proved,
+        "proved": certificate.proved,
         "law": law,
         "vehicle": task.vehicle.reference,
         "delay_min_s": task.delay.least,
         "delay_max_s": task.delay.most,
         "roll_rounding_deg": roll,
         "moment_rounding_nm": moment,
-        "trigger_proved": found.triggered,
-        "commands_lost": found.lost,
-        "steered_m_s2": found.steered,
-        "levels": dict(found.levels),
+        "trigger_proved": certificate.triggered,
+        "commands_lost": certificate.lost,
+        "steered_m_s2": certificate.steered,
+        "levels": dict(certificate.levels),
         "conditions": [
             {
                 "name": condition["name"],
@@ -242,7 +246,7 @@ def to_json(
                     for claim in condition["claims"]
                 ],
             }
-            for condition in found.content["conditions"]
+            for condition in certificate.content["conditions"]
         ],
         "unproved": [
             {
@@ -254,7 +258,7 @@ def to_json(
             }
             for short in missing
         ],
-        "assumptions": found.content["assumptions"],
+        "assumptions": certificate.content["assumptions"],
         "file": None if path is None else str(path),
     }
 

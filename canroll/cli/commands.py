@@ -81,7 +81,8 @@ COMMANDS = {
         handler="vehicle_tests:understeer",
     ),
     "vehicle": Subcommand(
-        "a vehicle file from mass and size; a vehicle beside its class", "run_parsers:vehicle"
+        "a vehicle file from mass and size; a vehicle compared with its class",
+        "run_parsers:vehicle",
     ),
     "fit": Subcommand("a vehicle's numbers from a measured drive", "run_parsers:fit"),
     "validate": Subcommand("a verdict on a vehicle by measured drives", "run_parsers:validate"),
@@ -98,10 +99,10 @@ COMMANDS = {
         "prove a calibration stable for every sequence of delays", "design_parsers:certify"
     ),
     "bus": Subcommand("bus load, response times and a bus server", "bus_parsers:bus"),
-    "hil": Subcommand("run ECU and plant as two processes in real time", "bus_parsers:hil"),
-    "ecu": Subcommand("the ECU alone, on any python-can interface", "bus_parsers:ecu"),
-    "plant": Subcommand("the vehicle alone, on any python-can interface", "bus_parsers:plant"),
-    "watch": Subcommand("watch the roll controller from the bus", "bus_parsers:watch"),
+    "hil": Subcommand("run ECU and plant as two processes in real time", "realtime_parsers:hil"),
+    "ecu": Subcommand("the ECU alone, on any python-can interface", "realtime_parsers:ecu"),
+    "plant": Subcommand("the vehicle alone, on any python-can interface", "realtime_parsers:plant"),
+    "watch": Subcommand("watch the roll controller from the bus", "realtime_parsers:watch"),
     "export-c": Subcommand(
         "export the controller as C99 with test vectors", "design_parsers:export_c"
     ),
@@ -127,7 +128,7 @@ COMMANDS = {
     ),
     "attacks": Subcommand(
         "attackers on the bus, without authentication and with it",
-        "bus_parsers:attacks",
+        "study_parsers:attacks",
         handler="attacks:run",
     ),
     "severe": Subcommand(

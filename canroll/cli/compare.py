@@ -26,7 +26,7 @@ from plant_sim.driving import MANEUVERS
 
 
 def refuse_vehicle_set(args: argparse.Namespace, texts: Iterable[str]) -> None:
-    """Refuse numbers of the vehicle beside runs that have a vehicle themselves."""
+    """Refuse numbers of the vehicle with runs that already have a vehicle."""
     for text in texts if args.vehicle_set else ():
         if {"vehicle", "calibration"} & comparison.describe(text).keys():
             raise CanrollError(
@@ -51,8 +51,8 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(data))
         return 0
     terminal.show_table(summary_table(named))
-    told = [f"{n.name}: {text}" for n in named for text in n.result.warnings]
-    terminal.show_warnings([*told, *apart(named)])
+    warnings = [f"{n.name}: {text}" for n in named for text in n.result.warnings]
+    terminal.show_warnings([*warnings, *apart(named)])
     terminal.show_files(data.get("files", {}))
     return 0
 
@@ -102,9 +102,9 @@ def sweep(args: argparse.Namespace) -> int:
     out = page_folder(folder_of(args))
     with driven(args, out) as cases:
         wanted = list(cases.picked(wanted))
-        found = comparison.runs(scenario, [run for _, run in wanted], common, cases=cases)
+        results = comparison.runs(scenario, [run for _, run in wanted], common, cases=cases)
     named: dict[str, list[comparison.Named]] = {}
-    for (law, _), run in zip(wanted, found, strict=True):
+    for (law, _), run in zip(wanted, results, strict=True):
         named.setdefault(law, []).append(run)
     pages = {"report": (".html", lambda: sweep_page(named))}
     data = write_page(out, "sweep", pages, sweep_json(named))

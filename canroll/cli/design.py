@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     answer = design(chosen(choices, "law"), design_task(args))
     options = options_of(choices)
     record, tables = calibrate(answer, options)
-    checks = {name: Check(**found) for name, found in tables["verification"].items()}
+    checks = {name: Check(**entry) for name, entry in tables["verification"].items()}
     of_bus = profile_of(choices).warnings
     answer = replace(answer, verified=checks, warnings=(*of_bus, *tables["design"]["warnings"]))
     out = args.out or DEFAULT_OUT
@@ -182,7 +182,7 @@ def drive_all(args: argparse.Namespace) -> int:
             f"--effort {args.effort:g}: must be 1 to {LARGEST_EFFORT:g} N·m of RMS moment"
         )
     with driven(args, args.out) as cases:
-        found = equal_effort.compare(
+        comparison = equal_effort.compare(
             scenario,
             vehicle=chosen(choices, "vehicle"),
             bus=chosen(choices, "bus"),
@@ -193,12 +193,12 @@ def drive_all(args: argparse.Namespace) -> int:
             cases=cases,
         )
     if args.json:
-        print(json.dumps(equal_effort.to_json(found)))
+        print(json.dumps(equal_effort.to_json(comparison)))
     else:
         print(
-            f"{found.scenario}, {found.vehicle}, {chosen(choices, 'actuator')}, plant "
-            f"{chosen(choices, 'plant')}, bus {found.bus}, {found.runs} vehicles, "
-            f"RMS moment {found.budget:.0f} N·m for all, reference {found.reference}"
+            f"{comparison.scenario}, {comparison.vehicle}, {chosen(choices, 'actuator')}, plant "
+            f"{chosen(choices, 'plant')}, bus {comparison.bus}, {comparison.runs} vehicles, "
+            f"RMS moment {comparison.budget:.0f} N·m for all, reference {comparison.reference}"
         )
-        print("\n".join(equal_effort.table(found)))
+        print("\n".join(equal_effort.table(comparison)))
     return 0

@@ -129,7 +129,7 @@ def certify(parser: Parser) -> None:
         "--out",
         type=path_named,
         metavar="FILE",
-        help="certificate, or folder for it (default: certificate.json beside the calibration)",
+        help="certificate, or folder for it (default: certificate.json next to the calibration)",
     )
 
 

@@ -5,7 +5,7 @@ from math import inf
 
 from canroll.report.page import PageTable
 from gain_gen.calibration.freeze import summary
-from gain_gen.models.task import Check, Design
+from gain_gen.models.task import UNITS, Check, Design
 from gain_gen.monitors.detectability import Detectable
 
 LABELS = {
@@ -60,9 +60,6 @@ LABELS = {
     "solves": "solutions of inequalities",
 }
 """Labels of the checks and numbers of the built-in laws."""
-
-UNITS = {"db": "dB", "deg": "°", "s": "s", "nm": "N·m", "hz": "Hz"}
-"""Units by the end of a name."""
 
 
 def label(name: str) -> str:
@@ -124,16 +121,16 @@ DETECTABILITY = (
     "Least constant fault that a balance of signals shows within 0.3 s, allowing for mass,\n"
     "height, springs and dampers ±20 % and all else not known of car, sensors and road:\n"
     "on a straight, even road; at the worst moment of a slalom (4 m/s², 0.4 Hz);\n"
-    "and told from other faults there"
+    "and separated from other faults there"
 )
 """Title of the table of :func:`detectability`."""
 
 
 def detectability(rows: Iterable[Detectable]) -> PageTable:
-    """Return what can be found of each constant fault, and what it is not told apart from."""
+    """Return the detectable size of each constant fault, and the faults it is confused with."""
     return PageTable(
         title="",
-        head=("least constant fault", "straight", "slalom", "told apart", "by", "but not from"),
+        head=("least constant fault", "straight", "slalom", "separable", "by", "but not from"),
         rows=[
             (
                 row.fault.name,

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import dbc
 from canroll.cli import terminal
-from canroll.cli.bus_parsers import (
+from canroll.cli.options import choices_of, chosen_services, folder_of
+from canroll.cli.parser import check_mode
+from canroll.cli.realtime_parsers import (
     DEFAULT_PHASE_MS,
     DRIVE,
     FREE,
@@ -15,8 +17,6 @@ from canroll.cli.bus_parsers import (
     PEER_TIMEOUT,
     TRACE,
 )
-from canroll.cli.options import choices_of, chosen_services, folder_of
-from canroll.cli.parser import check_mode
 from canroll.errors import CanrollError, VerdictError
 from canroll.report.run_folder import write_page
 from canroll.report.staging import page_folder
@@ -265,7 +265,7 @@ def replay_drive(
     backend: str,
     key: bytes,
 ) -> int:
-    """Drive the firmware with a bus log and show what it made of it.
+    """Drive the firmware with a bus log and show its response.
 
     Raises:
         CanrollError: an unreadable log, or none of its frames.

@@ -136,7 +136,7 @@ def described(
 
 
 def services_of(args: argparse.Namespace) -> tuple[str, ...]:
-    """Return all modules beside the loop: the services, and what saves of loop and diagnostics."""
+    """Return all modules but the loop: the services, and what saves loop and diagnostics."""
     services = chosen_services(args)
     if args.nvm:
         services += LASTING if args.uds else LASTING[:1]

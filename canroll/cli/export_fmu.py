@@ -123,10 +123,10 @@ def write_vehicle(args: argparse.Namespace) -> str:
         0,
     )
     title = f"{vehicle.name} at {3.6 * maneuver.speed:.4g} km/h"
-    found = body_fmu.write(
+    map_path = body_fmu.write(
         args.out, vehicle, own_body(model, "an exported vehicle"), maneuver, title=title
     )
-    return f"{title}, {model}; its map: {found}"
+    return f"{title}, {model}; its map: {map_path}"
 
 
 KINDS = {

@@ -19,34 +19,34 @@ def run(args: argparse.Namespace) -> int:
     """Drive the catalogue and print its table; 1 if anything harmful goes undetected."""
     out = page_folder(args.out)
     with driven(args, out) as cases:
-        found = fault_study.study(
+        answer = fault_study.study(
             args.scenario, catalogue=args.catalogue or CATALOGUE, cases=cases, **choices_of(args)
         )
-    data = write_page(out, "faults", {}, found.to_json())
+    data = write_page(out, "faults", {}, answer.to_json())
     if args.json:
         print(json.dumps(data))
-        return found.exit_code
-    settings = found.settings
+        return answer.exit_code
+    settings = answer.settings
     print(
         f"{settings.scenario.replace('_', ' ')}, {settings.vehicle.name} at "
         f"{settings.speed * 3.6:.0f} km/h, {settings.law_name} with {settings.actuator} over "
         f"{settings.bus_name}"
     )
-    terminal.show_verdict(found.verdict, good=not found.exit_code)
+    terminal.show_verdict(answer.verdict, good=not answer.exit_code)
     print()
-    terminal.show_table(coverage_table(found.coverage))
-    others = [f for f in found.faults if f.as_expected is False and not f.harmful]
+    terminal.show_table(coverage_table(answer.coverage))
+    others = [f for f in answer.faults if f.as_expected is False and not f.harmful]
     parts: dict[str, Sequence[JudgedFault]] = {
-        "Harmful and not detected": found.undetected,
-        "Harmful, detected": [f for f in found.faults if f.harmful and f.detected],
+        "Harmful and not detected": answer.undetected,
+        "Harmful, detected": [f for f in answer.faults if f.harmful and f.detected],
         "Other than expected": others,
-        "No verdict is possible": [f for f in found.faults if f.no_verdict],
+        "No verdict is possible": [f for f in answer.faults if f.no_verdict],
     }
-    for title, faults in ({"All faults": found.faults} if args.all else parts).items():
+    for title, faults in ({"All faults": answer.faults} if args.all else parts).items():
         if faults:
             print(f"\n{title}:")
             print("\n".join(f"  {line(fault)}" for fault in faults))
-    return found.exit_code
+    return answer.exit_code
 
 
 def line(fault: JudgedFault) -> str:
@@ -54,14 +54,14 @@ def line(fault: JudgedFault) -> str:
     seen = fault.reaction
     if fault.no_verdict or seen is None:
         return f"{fault.entry.name}: {fault.no_verdict}"
-    found = "not detected"
+    reaction = "not detected"
     if seen.detected_after is not None:
-        found = f"{seen.detected_by} after {1e3 * seen.detected_after:.0f} ms, {seen.mode}"
+        reaction = f"{seen.detected_by} after {1e3 * seen.detected_after:.0f} ms, {seen.mode}"
     expected = f" (expected: {f'{fault.entry.expect} {fault.entry.mode}'.strip()})"
     harm = "no harm"
     if seen.harm_after is not None:
         harm = f"{'; '.join(seen.harm)}, harm after {1e3 * seen.harm_after:.0f} ms"
-    return f"{fault.entry.name}: {found}{'' if fault.as_expected else expected}; {harm}"
+    return f"{fault.entry.name}: {reaction}{'' if fault.as_expected else expected}; {harm}"
 
 
 def coverage_table(coverage: Sequence[Coverage]) -> PageTable:

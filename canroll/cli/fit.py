@@ -89,10 +89,10 @@ def _show(result: Fit) -> None:
     print(measurement_line(result))
     kept = [n.unknown.label for n in result.of_state("kept") if not n.unknown.of_log]
     if kept:
-        print(f"not told by the log, as before: {', '.join(kept)}")
+        print(f"not identifiable from the log, as before: {', '.join(kept)}")
     if result.pairs:
         pairs = [f"{first} with {second} ({r:+.2f})" for first, second, r in result.pairs]
-        print(f"told only together: {', '.join(pairs)}")
+        print(f"identifiable only together: {', '.join(pairs)}")
     print(left_line(result))
 
 

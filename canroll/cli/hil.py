@@ -23,8 +23,8 @@ from canroll.runs import experiment
 from canroll.runs.logs import check_suffix, write_log
 from canroll.runs.virtual_time import Interrupted
 from hil import hil_run, own_bus
-from hil.bus_link import has_bus, options_of, parsed_options
 from hil.check import measure
+from hil.hardware.bus_options import has_bus, options_of, parsed_options
 from hil.hardware.interfaces import INTERFACES, is_shared
 from hil.timing import QUANTILES
 
@@ -198,8 +198,8 @@ def show_check(answer: Mapping[str, Any]) -> None:
     console.print(f"rule: {answer['rule']}")
     if answer["findings"]:
         console.print("\nfound, with remedies:")
-    for found in answer["findings"]:
-        console.print(f"  {found['what']}: {found['remedy']}", markup=False)
+    for finding in answer["findings"]:
+        console.print(f"  {finding['what']}: {finding['remedy']}", markup=False)
 
 
 def _place(loop: Mapping[str, Any]) -> str:

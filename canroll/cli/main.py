@@ -32,7 +32,7 @@ REGISTRIES: dict[str, Registry[Any]] = {
     "buses": BUSES,
     "bodies": BODIES,
 }
-"""What can be listed beside the vehicles, and added to by others."""
+"""Further lists of ``canroll list``; extensions add to them."""
 
 PLAIN = {
     **{"°": " deg", "−": "-", "–": "-", "—": "-", "±": "+-", "·": ".", "×": "x", "…": "..."},
@@ -233,7 +233,7 @@ def plain(error: UnicodeError) -> tuple[str, int]:
 def internal_error(error: Exception) -> int:
     """Save the traceback to a file and name it; return the exit code of internal errors."""
     lines = "".join(traceback.format_exception(error))
-    told = f"{type(error).__name__}: {error}".partition("\n")[0]
+    reason = f"{type(error).__name__}: {error}".partition("\n")[0]
     try:
         with tempfile.NamedTemporaryFile(
             "w", prefix="canroll-error-", suffix=".txt", delete=False, encoding="utf-8"
@@ -242,7 +242,7 @@ def internal_error(error: Exception) -> int:
         kept = f"please report it with {file.name}"
     except OSError:
         kept = f"please report it\n{lines}"
-    print(f"canroll: internal error, {told}: {kept}", file=sys.stderr)
+    print(f"canroll: internal error, {reason}: {kept}", file=sys.stderr)
     return INTERNAL_ERROR
 
 

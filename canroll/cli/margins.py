@@ -100,15 +100,15 @@ def _delay(seconds: float) -> str:
 
 
 def _row(label: str, point: DelayMargin) -> tuple[str, ...]:
-    of = point.margins
+    margins = point.margins
     if not point.stable:
         return (label, "unstable", "", "", "")
     return (
         label,
         f"{point.peak:.4f}",
-        _number(of.gain_db),
-        _number(of.phase_deg),
-        _peak(of),
+        _number(margins.gain_db),
+        _number(margins.phase_deg),
+        _peak(margins),
     )
 
 
@@ -116,8 +116,8 @@ def _number(value: float) -> str:
     return f"{value:.1f}" if isfinite(value) else "any" if value > 0.0 else "none"
 
 
-def _peak(found: Margins) -> str:
-    return f"{found.sensitivity:.2f}" if isfinite(found.sensitivity) else "unstable"
+def _peak(margins: Margins) -> str:
+    return f"{margins.sensitivity:.2f}" if isfinite(margins.sensitivity) else "unstable"
 
 
 def draw(report: MarginReport, path: Path) -> None:

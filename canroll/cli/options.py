@@ -19,6 +19,7 @@ from plant_sim.driving import MANEUVERS
 DEFAULT_OUT = Path("out")
 VEHICLE_SET = "--vehicle-set"
 DEFAULT_SCENARIO = "double_lane_change"
+PACES = ("realtime", "lockstep")
 METAVARS = {"km/h": "KMH", "ms": "MS", "s": "S"}
 PATTERNS = {"faults": "WHERE=KIND[:VALUE][@START[:END[:RAMP]]]"}
 NODES = ("faults", "fault_file", "conditions")
@@ -150,7 +151,7 @@ def _shown(default: Any) -> str:  # noqa: ANN401
 
 
 def add_services(parser: Parser) -> None:
-    """Add the services beside the loop."""
+    """Add the options of the services."""
     parser.add_argument(
         "--xcp", action="store_true", help="with XCP: measure, calibrate, change pages"
     )
@@ -160,7 +161,7 @@ def add_services(parser: Parser) -> None:
 
 
 def chosen_services(args: argparse.Namespace) -> tuple[str, ...]:
-    """Return the services beside the loop that were chosen."""
+    """Return the chosen services."""
     return tuple(name for name in SERVICES if getattr(args, name))
 
 
@@ -170,12 +171,12 @@ def by_key(option: str, pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
     Raises:
         CanrollError: a key is given twice.
     """
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     for key, value in pairs:
-        if key in found:
-            raise CanrollError(f"{option} {key}: given twice: keep {found[key]} or {value}")
-        found[key] = value
-    return found
+        if key in values:
+            raise CanrollError(f"{option} {key}: given twice: keep {values[key]} or {value}")
+        values[key] = value
+    return values
 
 
 def choices_of(args: argparse.Namespace, names: Iterable[str] = CHOICES) -> dict[str, Any]:
@@ -187,13 +188,13 @@ def choices_of(args: argparse.Namespace, names: Iterable[str] = CHOICES) -> dict
     given = {name: getattr(args, name, None) for name in names}
     for name in given.keys() & {"options", "conditions"}:
         given[name] = by_key(CHOICES[name].option, given[name] or ()) or None
-    found = {name: value for name, value in given.items() if value is not None}
+    choices = {name: value for name, value in given.items() if value is not None}
     if "vehicle" in given and getattr(args, "vehicle_set", None):
-        found["vehicle"] = _changed(found, args.vehicle_set)
-    for name, value in found.items():
+        choices["vehicle"] = _changed(choices, args.vehicle_set)
+    for name, value in choices.items():
         if CHOICES[name].kind in (float, int) and not isinstance(value, list):
             CHOICES[name].check(value)
-    return found
+    return choices
 
 
 def _changed(choices: Mapping[str, Any], changes: Sequence[tuple[str, str]]) -> vehicles.Vehicle:
@@ -324,3 +325,14 @@ def folder_of(args: argparse.Namespace) -> Path | None:
     """Return the output folder; None if no files are written."""
     out: Path | None = args.out
     return out or (None if args.json else DEFAULT_OUT)
+
+
+def add_section(parser: Parser) -> None:
+    """Add the choice among the sections of a log whose times step."""
+    parser.add_argument(
+        "--section",
+        type=int,
+        metavar="N",
+        help="section of a log whose times step, by a clock that was set or a pause of more than a "
+        "minute (default: that with most frames)",
+    )

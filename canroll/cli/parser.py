@@ -89,7 +89,7 @@ class Parser(argparse.ArgumentParser):
 
         Raises:
             UsageError: a wrong option.
-            CanrollError: an option that would have no effect beside another.
+            CanrollError: an option has no effect with another one.
         """
         self._given.clear()
         namespace, unknown = self.parse_known_args(words)
@@ -105,7 +105,7 @@ class Parser(argparse.ArgumentParser):
         return super()._get_values(action, arg_strings)
 
     def _check(self, namespace: argparse.Namespace) -> None:
-        """Refuse what would have no effect beside the other options."""
+        """Refuse options without effect in this combination."""
         for name in self.relations:
             if name not in namespace.given:
                 continue

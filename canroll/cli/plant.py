@@ -14,8 +14,9 @@ from canroll.setup.bus_frames import firmware_of, profile_of
 from canroll.setup.choices import chosen
 from canroll.setup.keys import secret_of
 from hil import lockstep, own_bus, plant_loop, plant_record, process, warm
-from hil.bus_link import Link, has_bus, open_link, parsed_options
+from hil.bus_link import Link, open_link
 from hil.hardware import bus_record, lasting
+from hil.hardware.bus_options import has_bus, parsed_options
 from hil.hardware.interfaces import is_loopback
 from hil.plant_loop import PlantOutcome
 from plant_sim.driving import maneuvers

@@ -17,17 +17,17 @@ def run(args: argparse.Namespace) -> int:
     """Recompute, print the verdicts, write reproduction.html, .md and .json."""
     out = page_folder(folder_of(args))
     with driven(args, out) as cases:
-        found = reproduce.reproduce(args.papers, cases)
+        parts = reproduce.reproduce(args.papers, cases)
     texts = {
-        "report": (".html", lambda: reproduction_page(found)),
-        "tables": (".md", lambda: reproduce.to_markdown(found)),
+        "report": (".html", lambda: reproduction_page(parts)),
+        "tables": (".md", lambda: reproduce.to_markdown(parts)),
     }
-    data = write_page(out, "reproduction", texts, reproduce.to_json(found))
+    data = write_page(out, "reproduction", texts, reproduce.to_json(parts))
     if args.json:
         print(json.dumps(data))
         return 0
-    head = ("", *found[0].counts)
-    rows = [[part.paper.name, *map(str, part.counts.values())] for part in found]
+    head = ("", *parts[0].counts)
+    rows = [[part.paper.name, *map(str, part.counts.values())] for part in parts]
     terminal.show_table(PageTable("", head, rows))
     terminal.show_files(data.get("files", {}))
     return 0

@@ -140,7 +140,7 @@ def vehicle(parser: Parser) -> None:
     """Options of ``canroll vehicle``."""
     parser.description = (
         "new: write a complete vehicle file from mass and size; what is not given is estimated by "
-        "the class, with its spread. check: show a vehicle beside its class."
+        "the class, with its spread. check: compare a vehicle with its class."
     )
     parser.add_argument("what", choices=("new", "check"), metavar="ACTION", help="new or check")
     parser.add_argument("vehicle", metavar="FILE", help="vehicle file; for check also a preset")

@@ -59,7 +59,7 @@ def campaign(parser: Parser) -> None:
         excludes={**one, **rare},
         type=float,
         metavar="WIDTH",
-        help="stop when the 95 %% interval of the event's probability is as narrow",
+        help="stop when the 95 %% interval of the event's probability is at most this wide",
     )
     parser.add_argument(
         "--event",
@@ -149,3 +149,23 @@ def reproduce(parser: Parser) -> None:
     )
     add_execution(parser, "", "only", "resume", "scheduler")
     add_answer(parser, "the page")
+
+
+def attacks(parser: Parser) -> None:
+    """Options of ``canroll attacks``."""
+    parser.description = (
+        "Drive a manoeuvre with an attacker on the bus: spoofed, replayed, damaged and foreign "
+        "frames, floods, and resets of nodes; on 500k and on secured_fd, or on --bus. "
+        "Exit code 1 if a forged frame is accepted on a bus with authenticated frames."
+    )
+    add_scenario(parser, DEFAULT_SCENARIO)
+    add_choices(
+        parser,
+        [name for name in OF_A_RUN if name not in ("faults", "fault_file", "duration")],
+        defaults={"bus": None},
+    )
+    parser.add_argument(
+        "--attack", metavar="TEXT", default="", help="only attacks whose name contains TEXT"
+    )
+    add_execution(parser, "attack")
+    add_numbers(parser)

@@ -80,10 +80,10 @@ def draws(total: int, *, quiet: bool) -> "Iterator[Callable[[Summary, int], None
     """Show draws, rate, time left and failures so far on stderr; not on a terminal, as above."""
     console = Console(stderr=True)
     if quiet:
-        yield lambda found, kept: None
+        yield lambda summary, kept: None
         return
     if not console.is_terminal:
-        yield by_the_minute(lambda found, kept: f"draw {found.draws} of {total}")
+        yield by_the_minute(lambda summary, kept: f"draw {summary.draws} of {total}")
         return
     columns = (
         TextColumn("draw {task.completed:.0f} of {task.total:.0f}"),
@@ -95,9 +95,11 @@ def draws(total: int, *, quiet: bool) -> "Iterator[Callable[[Summary, int], None
         task = bars.add_task("", total=total, rate="", fails=0)
         start = time.monotonic()
 
-        def report(found: "Summary", kept: int) -> None:
-            rate = (found.draws - kept) / max(time.monotonic() - start, 1e-9)
-            bars.update(task, completed=found.draws, rate=f"{rate:.1f} draws/s", fails=found.fails)
+        def report(summary: "Summary", kept: int) -> None:
+            rate = (summary.draws - kept) / max(time.monotonic() - start, 1e-9)
+            bars.update(
+                task, completed=summary.draws, rate=f"{rate:.1f} draws/s", fails=summary.fails
+            )
 
         yield report
 
@@ -194,9 +196,9 @@ def show(result: Result) -> None:
     head = metric_head(result, "passive", "controlled")
     console.print(_table(console, head, [(row.name, *row.numbers) for row in metric_rows(result)]))
     judged = () if result.not_valid else standard.lines(result.standard)
-    told = [text for text in (replay_note(result), *judged) if text]
-    if told:
-        console.print("\n" + "\n".join(told), soft_wrap=True, markup=False)
+    notes = [text for text in (replay_note(result), *judged) if text]
+    if notes:
+        console.print("\n" + "\n".join(notes), soft_wrap=True, markup=False)
     for table in reaction_tables(result) if result.settings.faults else ():
         console.print()
         console.print(_table(console, table.head, table.rows))

@@ -145,27 +145,27 @@ def run_bound(args: argparse.Namespace) -> int:
     return 0 if good else 1
 
 
-def _bound_of_authentication(its: "Authentication | None") -> dict[str, int] | None:
-    if its is None:
+def _bound_of_authentication(bound: "Authentication | None") -> dict[str, int] | None:
+    if bound is None:
         return None
     return {
-        "cycles": its.cycles,
-        "received": its.received,
-        "sent": its.sent,
-        "verify": its.verify.cycles,
-        "protect": its.protect.cycles,
+        "cycles": bound.cycles,
+        "received": bound.received,
+        "sent": bound.sent,
+        "verify": bound.verify.cycles,
+        "protect": bound.protect.cycles,
     }
 
 
-def _rows_of_authentication(its: "Authentication | None") -> dict[str, object]:
-    if its is None:
+def _rows_of_authentication(bound: "Authentication | None") -> dict[str, object]:
+    if bound is None:
         return {}
     return {
-        "of these for authentication": its.cycles,
-        "frames received, bus full": its.received,
-        "frames sent": its.sent,
-        "cycles per verified frame, bound": its.verify.cycles,
-        "cycles per protected frame, bound": its.protect.cycles,
+        "of these for authentication": bound.cycles,
+        "frames received, bus full": bound.received,
+        "frames sent": bound.sent,
+        "cycles per verified frame, bound": bound.verify.cycles,
+        "cycles per protected frame, bound": bound.protect.cycles,
     }
 
 
@@ -222,7 +222,7 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
         "stack, bytes": run.stack,
         "code, bytes": size.text,
         "constant tables, bytes": size.tables,
-        "memory of its own, bytes": size.static,
+        "static memory, bytes": size.static,
         "state record, bytes": size.state,
         "calibration record, bytes": size.calibration,
         "heap or floating point": ", ".join(size.forbidden) or "none linked",
@@ -233,8 +233,10 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
 
 
 def _authentication_json(run: Run) -> dict[str, int] | None:
-    its = run.authentication
-    return None if its is None else {"mean": round(float(its.mean())), "max": int(its.max())}
+    cycles = run.authentication
+    return (
+        None if cycles is None else {"mean": round(float(cycles.mean())), "max": int(cycles.max())}
+    )
 
 
 def _authentication_row(run: Run) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""``canroll vehicle``: a vehicle file from mass and size, and a vehicle beside its class."""
+"""``canroll vehicle``: a vehicle file from mass and size, and a vehicle compared with its class."""
 
 import argparse
 import json
@@ -20,7 +20,7 @@ from vehicles.review import ReviewedQuantity, beside_class, handling
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write an estimated vehicle, or show one beside its class."""
+    """Write an estimated vehicle, or compare one with its class."""
     return {"new": _new, "check": _check}[args.what](args)
 
 

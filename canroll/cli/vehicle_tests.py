@@ -118,7 +118,7 @@ def _linear(args: argparse.Namespace, vehicle: Vehicle, body: Body) -> int:
         )
     if not 0.05 <= friction <= 1.5:
         raise CanrollError(f"--friction {friction:g}: must be 0.05 to 1.5")
-    found = linear_response(
+    answer = linear_response(
         vehicle,
         body,
         speed=args.speed / 3.6,
@@ -129,7 +129,7 @@ def _linear(args: argparse.Namespace, vehicle: Vehicle, body: Body) -> int:
         f"steady curve of {lateral:g} m/s², friction {friction:g}" if lateral else "straight ahead"
     )
     if args.out is not None:
-        draw(found, where, args.out / PICTURE)
+        draw(answer, where, args.out / PICTURE)
     if args.json:
         asked = {
             "vehicle": vehicle.name,
@@ -139,14 +139,14 @@ def _linear(args: argparse.Namespace, vehicle: Vehicle, body: Body) -> int:
             "lateral_acceleration": lateral,
             "friction": friction,
         }
-        print(json.dumps(asked | to_json(found)))
+        print(json.dumps(asked | to_json(answer)))
         return 0
-    print(f"{where}\n{trim_of(found)}")
-    for table in tables(found):
+    print(f"{where}\n{trim_of(answer)}")
+    for table in tables(answer):
         print(f"\n{table.title}")
         terminal.show_table(table)
-    if found.distance is None:
-        print(f"\nno design model at this trim: {found.why_not}")
+    if answer.distance is None:
+        print(f"\nno design model at this trim: {answer.why_not}")
     if args.out is not None:
         print(f"\nwritten: {args.out / PICTURE}")
     return 0
@@ -207,27 +207,30 @@ def limit(args: argparse.Namespace) -> int:
         "from_kmh": args.low,
         "to_kmh": round(high, 6),
     }
-    reasons = {name: _reason(settings, controller, found, name) for name, found in limits.items()}
-    for name, found in limits.items():
-        answer[name] = None if found is None else _kmh(found) | _limited(reasons[name])
+    reasons = {
+        name: _reason(settings, controller, speed_limit, name)
+        for name, speed_limit in limits.items()
+    }
+    for name, speed_limit in limits.items():
+        answer[name] = None if speed_limit is None else _kmh(speed_limit) | _limited(reasons[name])
     if args.json:
         print(json.dumps(answer))
         return 0
     print(f"{maneuvers.title(settings.scenario)}, {settings.vehicle.name}, {settings.plant} plant")
-    for name, found in limits.items():
-        if found is not None:
-            print(f"  {name:11}{_words(found)}{_because(reasons[name])}")
+    for name, speed_limit in limits.items():
+        if speed_limit is not None:
+            print(f"  {name:11}{_words(speed_limit)}{_because(reasons[name])}")
     return 0
 
 
 def _reason(
-    settings: Settings, controller: PreparedController, found: SpeedLimit | None, name: str
+    settings: Settings, controller: PreparedController, speed_limit: SpeedLimit | None, name: str
 ) -> Limited | None:
     """Return what limited the slowest failed run; None if none failed."""
-    if found is None or found.failed is None:
+    if speed_limit is None or speed_limit.failed is None:
         return None
     trace = experiment.drive(
-        replace(settings, speed=found.failed), controller, enabled=name == "controlled"
+        replace(settings, speed=speed_limit.failed), controller, enabled=name == "controlled"
     )
     common = maneuvers.options(settings.scenario)["friction"]
     friction = float(dict(settings.options).get("friction", common))
@@ -264,24 +267,24 @@ def severe(args: argparse.Namespace) -> int:
     """Drive the severe manoeuvres and print their table: Markdown where it is not a terminal."""
     out = page_folder(args.out)
     with driven(args, out) as cases:
-        found = severe_manoeuvres.study(
+        answer = severe_manoeuvres.study(
             runs=args.runs, spread=dict(args.spread), cases=cases, **choices_of(args)
         )
-    data = write_page(out, "severe", {}, severe_manoeuvres.to_json(found))
+    data = write_page(out, "severe", {}, severe_manoeuvres.to_json(answer))
     if args.json:
         print(json.dumps(data))
     else:
         print(
-            f"{found.vehicles['vehicle']}, {found.actuator}, bus {found.bus}, {found.runs} "
-            f"vehicles, {found.law} as designed, plain feedforward at its RMS moment of "
-            f"{found.effort:.0f} N·m, bar: {found.bar:g} times the roll stiffness"
+            f"{answer.vehicles['vehicle']}, {answer.actuator}, bus {answer.bus}, {answer.runs} "
+            f"vehicles, {answer.law} as designed, plain feedforward at its RMS moment of "
+            f"{answer.effort:.0f} N·m, bar: {answer.bar:g} times the roll stiffness"
         )
         if sys.stdout.isatty():
             rows: list[tuple[str, ...]] = []
-            for title, name, *figures in severe_manoeuvres.lines(found):
+            for title, name, *figures in severe_manoeuvres.lines(answer):
                 rows += [("",), (title,)] if title else []
                 rows.append((name, *figures))
             terminal.show_table(PageTable("", ("", *severe_manoeuvres.HEAD[2:]), rows))
         else:
-            print("\n".join(severe_manoeuvres.markdown(found)))
+            print("\n".join(severe_manoeuvres.markdown(answer)))
     return 0

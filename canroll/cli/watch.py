@@ -13,8 +13,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from canroll.cli.bus_parsers import LOOPBACK, WEB_PORT
 from canroll.cli.ecu import nanoseconds
+from canroll.cli.realtime_parsers import LOOPBACK, WEB_PORT
 from canroll.errors import CanrollError
 from canroll.report.console import Console
 from hil import process

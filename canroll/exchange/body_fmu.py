@@ -45,7 +45,7 @@ void body_image(void *record);
 
 
 def write(path: Path, vehicle: Vehicle, body: Body, maneuver: Maneuver, *, title: str) -> Path:
-    """Write the vehicle to ``path``, and its map beside it; return the map's path.
+    """Write the vehicle to ``path``, and its map next to it; return the map's path.
 
     Args:
         path: the FMU, replaced if it exists.
@@ -65,10 +65,10 @@ def write(path: Path, vehicle: Vehicle, body: Body, maneuver: Maneuver, *, title
     translator = Translator("body_")
     translator.structs.name(dtype, "vehicle")
     vectors = [Array(np.dtype(np.float64), (len(values),)) for values in parts.values()]
-    found = translator.entry(body.step, (*vectors, FLOAT), "body_step")
+    entry = translator.entry(body.step, (*vectors, FLOAT), "body_step")
     sources = {
         **archive.shell("body_model.c"),
-        "kernels.h": translator.header([found]),
+        "kernels.h": translator.header([entry]),
         "kernels.c": translator.text(),
         "image.c": image.source("body_image", start.tobytes()),
         "model.h": MODEL.format(token=archive.TOKEN),
@@ -114,7 +114,7 @@ def _write_map(path: Path) -> Path:
         "inputs": {name: name for name in INPUTS},
         "outputs": {name: name for name in OUTPUTS},
     }
-    found = path.with_suffix(".toml")
-    with writing(found, "choose another name"):
-        found.write_text(tomli_w.dumps(table), encoding="utf-8")
-    return found
+    map_path = path.with_suffix(".toml")
+    with writing(map_path, "choose another name"):
+        map_path.write_text(tomli_w.dumps(table), encoding="utf-8")
+    return map_path

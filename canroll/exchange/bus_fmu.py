@@ -125,17 +125,17 @@ def _fitted(network: Network) -> np.dtype[np.void]:
         "samples": max(int(network.clock[layout.SAMPLES]), _UNUSED),
         "log": LOG,
     }
-    whole = network.state.dtype
+    dtype = network.state.dtype
     columns = []
-    for name in whole.names or ():
-        its = whole[name]
-        shape = (used.get(name, its.shape[0]), *its.shape[1:])
-        columns.append((name, image.aligned(its.base), shape))
+    for name in dtype.names or ():
+        column = dtype[name]
+        shape = (used.get(name, column.shape[0]), *column.shape[1:])
+        columns.append((name, image.aligned(column.base), shape))
     return np.dtype(columns, align=True)
 
 
 def _parameters(network: Network) -> list[Variable]:
-    found = []
+    parameters = []
     for number, segment in enumerate(network.segments):
         for name, unit, kind in (
             ("bitrate", "bit/s", INT64),
@@ -144,7 +144,7 @@ def _parameters(network: Network) -> list[Variable]:
             ("bit_error_rate", "", FLOAT64),
         ):
             prefix = f"segment[{number + 1}]." if len(network.segments) > 1 else ""
-            found.append(
+            parameters.append(
                 Variable(
                     name=f"{prefix}{name}",
                     type=kind,
@@ -157,7 +157,7 @@ def _parameters(network: Network) -> list[Variable]:
                 )
             )
     seed = int(network.clock[layout.SEED])
-    found.append(
+    parameters.append(
         Variable(
             name="seed",
             type=INT64,
@@ -168,11 +168,11 @@ def _parameters(network: Network) -> list[Variable]:
             description="of bit errors, latencies and random payloads",
         )
     )
-    return found
+    return parameters
 
 
 def _shown(network: Network, ports: Mapping[str, int]) -> list[Variable]:
-    found = [
+    outputs = [
         Variable(
             name="logged",
             type=INT64,
@@ -191,7 +191,7 @@ def _shown(network: Network, ports: Mapping[str, int]) -> list[Variable]:
         ),
     ]
     for number in range(len(network.segments)):
-        found.append(
+        outputs.append(
             Variable(
                 name=f"segment[{number + 1}].totals",
                 type=INT64,
@@ -208,7 +208,7 @@ def _shown(network: Network, ports: Mapping[str, int]) -> list[Variable]:
             ("transmit_errors", "transmit error counter"),
             ("receive_errors", "receive error counter"),
         ):
-            found.append(
+            outputs.append(
                 Variable(
                     name=f"{port}.{name}",
                     type=INT64,
@@ -218,4 +218,4 @@ def _shown(network: Network, ports: Mapping[str, int]) -> list[Variable]:
                     description=meaning,
                 )
             )
-    return found
+    return outputs

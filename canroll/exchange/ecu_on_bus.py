@@ -1,7 +1,7 @@
 """An ECU with its services in a thread of this process, for a tool on the same bus.
 
 It runs as many ticks as it can, each as one period: for measuring, calibrating and diagnosing by
-programs of others, not for judging time. ``canroll ecu`` is the ECU in real time.
+third-party programs, not for judging time. ``canroll ecu`` is the ECU in real time.
 """
 
 import threading

@@ -76,8 +76,8 @@ def write(path: Path, contents: Contents) -> None:
 
 
 def _nanoseconds(times: NDArray[np.float64]) -> list[int]:
-    found: list[int] = np.round(1e9 * times).astype(np.int64).tolist()
-    return found
+    nanoseconds: list[int] = np.round(1e9 * times).astype(np.int64).tolist()
+    return nanoseconds
 
 
 def _channel(writer: object, topic: str, name: str, schema: Mapping[str, object]) -> int:

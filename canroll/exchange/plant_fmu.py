@@ -172,13 +172,13 @@ def _start(parts: Parts, maneuver: Maneuver) -> np.ndarray[Any, np.dtype[np.void
     memory, drive = parts.memory, to_record(maneuver.drive)
     columns = [(name, memory.dtype[name]) for name in PARTS]
     columns += [("drive", drive.dtype), ("queue", plant_kernel.OUTGOING)]
-    whole = np.zeros(1, np.dtype(columns, align=True))
+    state = np.zeros(1, np.dtype(columns, align=True))
     for name in PARTS:
-        whole[name] = memory[name]
+        state[name] = memory[name]
     # the exported plant calls its body by name: an address of this process changes from run to run
-    whole["clock"][0, STEP] = 0
-    whole["drive"] = drive
-    return image.copied(whole[0], image.aligned(whole.dtype))
+    state["clock"][0, STEP] = 0
+    state["drive"] = drive
+    return image.copied(state[0], image.aligned(state.dtype))
 
 
 def _kernels(plant: np.dtype[Any], row: np.dtype[Any], body: Body) -> dict[str, str]:
@@ -197,7 +197,7 @@ def _kernels(plant: np.dtype[Any], row: np.dtype[Any], body: Body) -> dict[str, 
     frame = Array(np.dtype(np.uint8), (64,))
     four = Array(np.dtype(np.float64), (4,))
     vectors = [Array(plant[name].base, plant[name].shape) for name in _BODY]
-    found = [
+    entries = [
         translator.entry(body.step, (*vectors, FLOAT), "plant_body"),
         translator.entry(plant_kernel.take, (queue,), "plant_take"),
         translator.entry(plant_kernel.receive, (state, INT, INT, INT, frame, INT), "plant_receive"),
@@ -205,7 +205,7 @@ def _kernels(plant: np.dtype[Any], row: np.dtype[Any], body: Body) -> dict[str, 
         translator.entry(plant_kernel.advance, (state,), "plant_advance"),
         translator.entry(plant_kernel.record, (state, Record(row)), "plant_record"),
     ]
-    return {"kernels.h": translator.header(found), "kernels.c": translator.text()}
+    return {"kernels.h": translator.header(entries), "kernels.c": translator.text()}
 
 
 _BODY = ("state", "inputs", "parameters", "outputs")
@@ -249,7 +249,7 @@ def _demands(command: str) -> list[Variable]:
 
 def _measured() -> list[Variable]:
     """What the sensors measured last, in SI units, and what the actuators report."""
-    found = [
+    outputs = [
         Variable(
             name=name,
             type=FLOAT64,
@@ -262,7 +262,7 @@ def _measured() -> list[Variable]:
         for index, name in enumerate(sensors.SIGNALS)
     ]
     return [
-        *found,
+        *outputs,
         *(
             Variable(
                 name=f"ActuatorState.{name}",

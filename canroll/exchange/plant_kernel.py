@@ -98,9 +98,9 @@ def receive(  # noqa: PLR0917
         return
     if length != plant.tables.message[row, codec.LENGTH]:
         return
-    its = plant.actuators.envelope
-    if row == its.place[envelope.FRAME]:
-        envelope.hear(its, plant.tables, plant.actuators.supervision, payload, t_ns)
+    monitor = plant.actuators.envelope
+    if row == monitor.place[envelope.FRAME]:
+        envelope.hear(monitor, plant.tables, plant.actuators.supervision, payload, t_ns)
     if plant.roles[row] == FOR_ACTUATOR:
         which = actuator_kernel.listens(plant.actuators, row)
         actuator_kernel.receive(plant.actuators, plant.tables, which, payload, t_ns)

@@ -17,7 +17,7 @@ from plant_sim.can_bus.traffic.log_playback import Recording
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 BESIDE_RECORDING = "the periods of a recording are unknown"
-"""Why a message beside a recording has no bound."""
+"""Why a message added to a recording has no bound."""
 _ACTUATOR = "Actuator"
 """The node that applies the command."""
 
@@ -105,7 +105,7 @@ def segments_of(
     Args:
         network: all messages are bounded and simulated.
         options: errors in the bounds, and the simulation.
-        recording: replayed on the first segment; there are no bounds beside it.
+        recording: replayed on the first segment; no bounds are computed with it.
         offsets: whether the messages of one node keep their offsets.
     """
     bounds = arrivals(network, errors=options.errors, offsets=offsets)
@@ -153,7 +153,7 @@ def delay_over(
 ) -> PathDelay | None:
     """Return the delay over a loop, its command sent in every tick; None: a message is missing.
 
-    ``recording``: replayed on the first segment; there are no bounds beside it.
+    ``recording``: replayed on the first segment; no bounds are computed with it.
     """
     if not {loop.sensor, loop.command} <= {r.message.name for r in network.messages}:
         return None

@@ -151,7 +151,7 @@ class Answer:
     """Results of the network ``name``.
 
     ``added``: what came onto a recorded bus. ``notes``: lines on this network, ``facts``: keys of
-    its JSON object, beside those of the analysis.
+    its JSON object, in addition to those of the analysis.
     """
 
     name: str

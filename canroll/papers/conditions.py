@@ -73,12 +73,12 @@ def of_loop(
 
     ``transfer``: normalised load transfer by axle per degree of roll.
     """
-    found = motion(loop, lateral)
+    metrics = motion(loop, lateral)
 
     def figure(quantity: str) -> float:
         if transfer and quantity in transfer:
-            return transfer[quantity] * found.figure("roll_max")
-        return found.figure(quantity)
+            return transfer[quantity] * metrics.figure("roll_max")
+        return metrics.figure(quantity)
 
     return figure
 
@@ -114,9 +114,9 @@ def waterfall(
     return PaperSection("waterfall", "From the paper's conditions to ours", columns, lines, note)
 
 
-def erratum(claim: str, formula: str, found: str) -> dict[str, Value]:
+def erratum(claim: str, formula: str, finding: str) -> dict[str, Value]:
     """Return a line of the section of errata."""
-    return {"claim": claim, "formula": formula, "found": found}
+    return {"claim": claim, "formula": formula, "found": finding}
 
 
 def errata(lines: Sequence[Mapping[str, Value]]) -> PaperSection:

@@ -25,7 +25,7 @@ def fast_share(values: Vector, step: float, *, above: float = FAST) -> float:
 
 
 def chatter(results: Mapping[str, Result]) -> PaperSection:
-    """Return one row per run: share of fast command power, and the limit cycle if there is one."""
+    """Return one row per run: share of fast command power, and any limit cycle."""
     rows: list[dict[str, Value]] = []
     for name, result in results.items():
         assert result.controlled is not None

@@ -153,18 +153,18 @@ def _verdict(place: int, rows: Sequence[PaperRow], values: Sequence[float]) -> s
     if abs(value - row.printed) <= TOLERANCE * abs(row.printed):
         return REPRODUCED
     others = [
-        (other, found)
-        for other, found in zip(rows, values, strict=True)
+        (other, other_value)
+        for other, other_value in zip(rows, values, strict=True)
         if other is not row and row.group and (other.paper, other.group) == (row.paper, row.group)
     ]
     if not others:
         share = value / row.printed
         return SAME_ORDERING if share >= LEAST_SHARE else NOT_REPRODUCIBLE
-    for other, found in others:
+    for other, other_value in others:
         apart = row.printed - other.printed
-        if abs(apart) <= TIE * abs(row.printed) or not isfinite(found):
+        if abs(apart) <= TIE * abs(row.printed) or not isfinite(other_value):
             continue
-        if apart * (value - found) <= 0:
+        if apart * (value - other_value) <= 0:
             return NOT_REPRODUCIBLE
     return SAME_ORDERING
 

@@ -122,7 +122,7 @@ class Redondo:
 
 def recompute() -> Recomputed:
     """Return every number of Tables 2 to 7."""
-    found: list[PaperRow] = []
+    rows: list[PaperRow] = []
     figures: list[Figure] = []
     driven: dict[str, Result] = {}
     theirs: Redondo | None = None
@@ -147,17 +147,17 @@ def recompute() -> Recomputed:
             )
         for row, numbers in printed(PAPER)[test].items():
             title = f"{table}, {test.replace('_', ' ')} km/h"
-            found += _rows(test, title, row, numbers, runs, theirs)
+            rows += _rows(test, title, row, numbers, runs, theirs)
         if scenario == "double_lane_change":
             figures = plots(PAPER, "Lane change at 100 km/h", ours)
     assert theirs is not None
-    proofs = [errata(checks(theirs)), unknowns(_unknowns(theirs)), _waterfall(found)]
+    proofs = [errata(checks(theirs)), unknowns(_unknowns(theirs)), _waterfall(rows)]
     sections = [
         load_transfer(theirs),
         design_numbers(PAPER, COMMON, tuple(LAWS.values()), GAINS),
         chatter(driven),
     ]
-    return Recomputed(found, figures, proofs, sections, HEADLINES)
+    return Recomputed(rows, figures, proofs, sections, HEADLINES)
 
 
 def _rows(  # noqa: PLR0917
@@ -170,8 +170,8 @@ def _rows(  # noqa: PLR0917
 ) -> list[PaperRow]:
     passive = row == "passive"
     results = [
-        (name, next(iter(found.values())) if passive else found[f"{test}, {row}"])
-        for name, found in runs.items()
+        (name, next(iter(by_name.values())) if passive else by_name[f"{test}, {row}"])
+        for name, by_name in runs.items()
     ]
     last = results[-1][1]
     lateral, delay = last.passive.signals["ay"], last.delay.nominal
@@ -286,7 +286,7 @@ def checks(theirs: Redondo) -> list[Mapping[str, Value]]:
 
 
 def load_transfer(theirs: Redondo) -> PaperSection:
-    """Return the printed load transfer over the printed roll, beside the paper's formula."""
+    """Return the printed load transfer over the printed roll, and the paper's formula."""
     rows: list[dict[str, Value]] = []
     for test, *_ in TESTS:
         for row, numbers in printed(PAPER)[test].items():

@@ -22,7 +22,6 @@ from canroll.papers.paper_table import (
     digits,
     judged,
 )
-from canroll.report.figure import Figure
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,36 +47,33 @@ PAPERS = {
 
 @dataclass(frozen=True, slots=True)
 class Reproduction:
-    """All rows of one paper with their verdicts, what proves them, what else was found, plots."""
+    """A recomputed paper, and its rows with their verdicts."""
 
     paper: Paper
+    recomputed: Recomputed
     rows: Sequence[PaperRow]
-    figures: Sequence[Figure]
-    proofs: Sequence[PaperSection] = ()
-    sections: Sequence[PaperSection] = ()
-    headlines: Sequence[Headline] = ()
 
     @property
     def counts(self) -> dict[str, int]:
         """How many rows have each verdict under the paper's conditions."""
-        found = Counter(row.verdict for row in self.rows)
-        return {verdict: found[verdict] for verdict in VERDICTS}
+        tally = Counter(row.verdict for row in self.rows)
+        return {verdict: tally[verdict] for verdict in VERDICTS}
 
     @property
     def counts_ours(self) -> dict[str, int]:
         """How many rows have each verdict on our plant and bus."""
-        found = Counter(row.verdict_ours for row in self.rows)
-        return {verdict: found[verdict] for verdict in VERDICTS if verdict != FITTED}
+        tally = Counter(row.verdict_ours for row in self.rows)
+        return {verdict: tally[verdict] for verdict in VERDICTS if verdict != FITTED}
 
     @property
     def every_section(self) -> Sequence[PaperSection]:
         """Proofs and further sections, in the order of the JSON."""
-        return (*self.proofs, *self.sections)
+        return (*self.recomputed.proofs, *self.recomputed.sections)
 
     @property
     def answers(self) -> list[str]:
         """What the paper's systems achieve: in print, under its conditions, and under ours."""
-        return [self._answer(headline) for headline in self.headlines]
+        return [self._answer(headline) for headline in self.recomputed.headlines]
 
     def _answer(self, headline: Headline) -> str:
         by_row = {row.row: row for row in self.rows if _is(row, headline)}
@@ -129,25 +125,18 @@ def reproduce(names: Sequence[str], cases: Cases = IN_TURN) -> list[Reproduction
 def _reproduced(name: str) -> Reproduction:
     paper = PAPERS[name]
     recomputed = paper.recompute()
-    return Reproduction(
-        paper,
-        judged(recomputed.rows),
-        recomputed.figures,
-        recomputed.proofs,
-        recomputed.sections,
-        recomputed.headlines,
-    )
+    return Reproduction(paper, recomputed, judged(recomputed.rows))
 
 
-def to_json(found: Sequence[Reproduction]) -> dict[str, Any]:
+def to_json(parts: Sequence[Reproduction]) -> dict[str, Any]:
     """Return what ``canroll reproduce --json`` prints."""
     return {
-        "rows": [row.to_json() for part in found for row in part.rows],
-        "counts": {part.paper.name: part.counts for part in found},
-        "counts_ours": {part.paper.name: part.counts_ours for part in found},
-        "answers": {part.paper.name: part.answers for part in found},
+        "rows": [row.to_json() for part in parts for row in part.rows],
+        "counts": {part.paper.name: part.counts for part in parts},
+        "counts_ours": {part.paper.name: part.counts_ours for part in parts},
+        "answers": {part.paper.name: part.answers for part in parts},
         "sections": [
-            section.to_json(part.paper.name) for part in found for section in part.every_section
+            section.to_json(part.paper.name) for part in parts for section in part.every_section
         ],
     }
 
@@ -166,25 +155,25 @@ def legend() -> str:
     )
 
 
-def to_markdown(found: Sequence[Reproduction]) -> str:
+def to_markdown(parts: Sequence[Reproduction]) -> str:
     """Return the tables as Markdown, one section a paper."""
     overview = ("paper", "numbers", *VERDICTS, "reproduced or same ordering on our plant and bus")
     lines = [
         "# The papers' tables, recomputed",
         "",
-        f"**{summary(found)}** Written by `canroll reproduce`.",
+        f"**{summary(parts)}** Written by `canroll reproduce`.",
         "",
         f"| {' | '.join(overview)} |",
         f"| --- |{' ---: |' * (len(overview) - 1)}",
     ]
-    for part in found:
+    for part in parts:
         numbers = (len(part.rows), *part.counts.values(), _met(part.counts_ours))
         lines.append(f"| {part.paper.title} | {' | '.join(map(str, numbers))} |")
     lines += ["", legend(), ""]
-    for part in found:
+    for part in parts:
         lines += [f"## {part.paper.title}", "", f"{_sentence(part.counts)}", ""]
         lines += [*(f"- {answer}" for answer in part.answers), ""]
-        for section in part.proofs:
+        for section in part.recomputed.proofs:
             lines += section.markdown()
         lines += ["### Every number", ""]
         head = (
@@ -200,7 +189,7 @@ def to_markdown(found: Sequence[Reproduction]) -> str:
             for row in part.rows
         ]
         lines.append("")
-        for section in part.sections:
+        for section in part.recomputed.sections:
             lines += section.markdown()
     return "\n".join(lines)
 
@@ -226,8 +215,8 @@ def _sentence(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {verdict}" for verdict, count in counts.items()) + "."
 
 
-def summary(found: Sequence[Reproduction]) -> str:
+def summary(parts: Sequence[Reproduction]) -> str:
     """Return the verdicts of all papers in one line."""
-    total = sum((Counter(part.counts) for part in found), Counter())
-    rows = sum(len(part.rows) for part in found)
+    total = sum((Counter(part.counts) for part in parts), Counter())
+    rows = sum(len(part.rows) for part in parts)
     return f"{rows} printed numbers: {_sentence({v: total[v] for v in VERDICTS})}"

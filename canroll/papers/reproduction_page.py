@@ -21,21 +21,19 @@ from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
 HEAD = ("", "printed", "paper's conditions", "ours", "verdict")
 
 
-def _overview(found: Sequence[Reproduction]) -> PageTable:
+def _overview(parts: Sequence[Reproduction]) -> PageTable:
     """Return the answer: a line a paper."""
     head = ("", *VERDICTS, "reproduced, ours", "same ordering, ours")
     rows: list[list[str | Cell]] = []
-    for part in found:
+    for part in parts:
         ours = list(part.counts_ours.values())[:2]
         rows.append([part.paper.title, *map(str, (*part.counts.values(), *ours))])
-    return PageTable(
-        "What comes out", head, rows, notes=[a for part in found for a in part.answers]
-    )
+    return PageTable("Summary", head, rows, notes=[a for part in parts for a in part.answers])
 
 
 def _tables(part: Reproduction, first: int) -> list[PageTable]:
     """Return a table for each of the paper's; reasons are numbered below it, each once."""
-    found: list[PageTable] = []
+    tables: list[PageTable] = []
     places = enumerate(part.rows, first)
     for name, rows in groupby(places, key=lambda numbered: numbered[1].table):
         notes: dict[str, int] = {}
@@ -54,8 +52,8 @@ def _tables(part: Reproduction, first: int) -> list[PageTable]:
                     f"{row.verdict}{mark}",
                 ]
             )
-        found.append(PageTable(name, HEAD, cells, notes=tuple(notes)))
-    return found
+        tables.append(PageTable(name, HEAD, cells, notes=tuple(notes)))
+    return tables
 
 
 def _chapter(part: Reproduction) -> str:
@@ -67,18 +65,18 @@ def _cell(value: float, key: str) -> str | Cell:
     return shown(value) if finite(value) is None else Cell(shown(value), value, key)
 
 
-def reproduction_page(found: Sequence[Reproduction]) -> str:
+def reproduction_page(parts: Sequence[Reproduction]) -> str:
     """Return the page as one HTML document."""
-    tables = [_overview(found)]
+    tables = [_overview(parts)]
     first = place = 0
-    for part in found:
+    for part in parts:
         rows = _tables(part, first)
         first += len(part.rows)
-        proofs = [section.table(place + n) for n, section in enumerate(part.proofs)]
+        proofs = [section.table(place + n) for n, section in enumerate(part.recomputed.proofs)]
         place += len(proofs)
         chapter = [*proofs, *rows]
         tables += [replace(chapter[0], chapter=_chapter(part)), *chapter[1:]]
-        for section in part.sections:
+        for section in part.recomputed.sections:
             tables.append(section.table(place))
             place += 1
         tables[-1] = replace(tables[-1], group=part.paper.name)
@@ -86,13 +84,13 @@ def reproduction_page(found: Sequence[Reproduction]) -> str:
         Page(
             title="The papers' tables, recomputed",
             subtitle="under each paper's conditions, and through firmware, bus and vehicle",
-            verdict=PageVerdict(None, summary(found), legend()),
+            verdict=PageVerdict(None, summary(parts), legend()),
             warnings=(),
             tables=tables,
-            figures=[figure for part in found for figure in part.figures],
+            figures=[figure for part in parts for figure in part.recomputed.figures],
             playback=None,
-            parameters=[(part.paper.title, part.paper.conditions) for part in found],
+            parameters=[(part.paper.title, part.paper.conditions) for part in parts],
             provenance=[("canroll", version("canroll")), ("Python", platform.python_version())],
-            result=to_json(found),
+            result=to_json(parts),
         )
     )

@@ -96,7 +96,7 @@ class Viadero:
 
 def recompute() -> Recomputed:
     """Return every number of Tables I and II, and the transmission rates."""
-    found: list[PaperRow] = []
+    rows: list[PaperRow] = []
     figures: list[Figure] = []
     sections: list[PaperSection] = []
     theirs: Viadero | None = None
@@ -127,7 +127,7 @@ def recompute() -> Recomputed:
             chain = _chain(row, runs, theirs)
             for quantity, value in numbers.items():
                 group = quantity if quantity == "transmission_rate" else f"{test}.{quantity}"
-                found.append(
+                rows.append(
                     PaperRow(
                         paper=PAPER,
                         table=f"Table {table}, double lane change at {speed:g} km/h",
@@ -147,9 +147,9 @@ def recompute() -> Recomputed:
         {**COMMON, "bus": viadero2022_certificate.BUS, "speed_kmh": TESTS[0][1]},
     )
     return Recomputed(
-        found,
+        rows,
         figures,
-        [errata(checks(growth)), unknowns(_unknowns(theirs)), _waterfall(found)],
+        [errata(checks(growth)), unknowns(_unknowns(theirs)), _waterfall(rows)],
         [
             design_numbers(PAPER, COMMON, ("hinf_event",), GAINS),
             *sections,

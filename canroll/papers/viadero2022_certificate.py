@@ -171,7 +171,7 @@ def places(result: Result) -> PaperSection:
     noisy = relative_rule(ticks["moment"])
     trigger, delay = result.trigger, result.delay
     own = trigger.sent - trigger.heartbeats
-    found = (
+    loops = (
         ("at the sensor", "(9), roll rate without noise", 1.0, quiet, quiet),
         ("at the sensor", "(9), roll rate as measured", 1.0, noisy, noisy),
         ("at the ECU", "with floor, against the echo", 2.0, count, own),
@@ -185,7 +185,7 @@ def places(result: Result) -> PaperSection:
             "measurements_percent": 100 * measurements / count,
             "commands_percent": 100 * commands / count,
         }
-        for place, rule, hops, measurements, commands in found
+        for place, rule, hops, measurements, commands in loops
     ]
     return PaperSection(
         "place_of_trigger",

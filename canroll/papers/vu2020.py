@@ -18,7 +18,8 @@ from canroll.papers.conditions import (
 )
 from canroll.papers.paper_runs import Headline, PaperCase, Recomputed, drive, plots
 from canroll.papers.paper_table import PaperRow, PaperSection, PaperStep, Value, printed
-from canroll.report.figure import DASHED, DOTTED, SOLID, Figure, Series
+from canroll.papers.vu2020_ideal import car_of_run, ideal_law, linear_states
+from canroll.report.figure import DASHED, SOLID, Figure, Series
 from canroll.runs.metrics import peak, rms
 from canroll.runs.result import Result
 from canroll.runs.trace import Trace
@@ -27,99 +28,13 @@ from gain_gen.models.full_car import (
     INPUT_WEIGHT,
     ROLL,
     SPEED,
-    STEER,
     full_car_model,
     ideal_gain,
     reductions,
     weights,
 )
-from gain_gen.models.roll import zero_order_hold
-from vehicles import GRAVITY, Vehicle
-from vehicles.full_car import AS_PRINTED, REPAIRED, STATES, FullCar, from_vehicle
-from vehicles.roll_stiffness import suspension_roll_stiffness
-
-STEP = 0.001
-LABELS = ("without control", "ideal, 26 states", "compensator")
-
-
-def linear_states(
-    car: FullCar, steer: Vector, speed: float, weight: float | None
-) -> tuple[Vector, Vector]:
-    """Return the scaled states (n, 26) and the valve currents (A), (n, 2), each millisecond.
-
-    Args:
-        car: with hydraulic bars.
-        steer: road-wheel angle each millisecond, rad.
-        speed: m/s.
-        weight: of the currents, for u = −K x on all states, in continuous time and without
-            delay; None: without control.
-    """
-    model = full_car_model(car, speed)
-    gain, columns = ideal_gain(model, input_weight=weight or INPUT_WEIGHT)
-    a = model.a - columns @ gain if weight else model.a
-    ahead, held = zero_order_hold(a, model.b[:, [STEER]], STEP)
-    states = np.zeros((len(steer), len(a)))
-    for k in range(len(steer) - 1):
-        states[k + 1] = ahead @ states[k] + held[:, 0] * steer[k]
-    currents = -states @ gain.T.astype(np.float64) if weight else np.zeros((len(steer), 2))
-    return states, currents
-
-
-def car_of_run(vehicle: Vehicle) -> FullCar:
-    """Return the linear car with hydraulic bars that corresponds to a vehicle of a run."""
-    stiffness = suspension_roll_stiffness(vehicle)
-    return from_vehicle(vehicle, suspension_stiffness=stiffness, hydraulic=True)
-
-
-def ideal_beside(paper: str, result: Result) -> tuple[PaperSection, Figure]:
-    """Return the table and the roll angles of both laws in one lane change."""
-    assert result.controlled is not None
-    trace = result.controlled
-    steer, time = trace.signals["steer"], trace.signals["time"]
-    speed = result.settings.speed
-    car = car_of_run(result.settings.vehicle)
-    outputs = trace.ticks["outputs"] * 1e-3
-    ideal = [linear_states(car, steer, speed, weight) for weight in (None, INPUT_WEIGHT)]
-    runs = [(states[:, ROLL], currents) for states, currents in ideal]
-    runs.append((trace.signals["roll"], outputs))
-    rows: list[dict[str, Value]] = [
-        {
-            "law": label,
-            "roll_rms_deg": float(np.degrees(rms(roll))),
-            "roll_max_deg": float(np.degrees(peak(roll))),
-            "roll_rms_change_percent": float(100 * (rms(roll) / rms(runs[0][0]) - 1)),
-            "current_rms_a": rms(currents.ravel()),
-            "current_max_a": peak(currents.ravel()),
-        }
-        for label, (roll, currents) in zip(LABELS, runs, strict=True)
-    ]
-    section = PaperSection(
-        "ideal_law",
-        "The ideal law and its compensator, lane change at 100 km/h",
-        {
-            "law": "law",
-            "roll_rms_deg": "roll RMS (deg)",
-            "roll_max_deg": "roll max (deg)",
-            "roll_rms_change_percent": "change (%)",
-            "current_rms_a": "current RMS (A)",
-            "current_max_a": "current max (A)",
-        },
-        rows,
-        "All runs use the steering of the compensator's run; without control the hydraulic bars "
-        "are installed but idle. The ideal law is designed for this very car, reads its 26 "
-        "states without delay and has unlimited valves; the compensator runs as fixed-point "
-        "firmware over the bus, every 10 ms, with the ECU's sensors.",
-    )
-    dashes = (DASHED, DOTTED, SOLID)
-    curves = [
-        Series(label, time, np.degrees(roll), colour, dash)
-        for colour, (label, (roll, _), dash) in enumerate(zip(LABELS, runs, dashes, strict=True))
-    ]
-    return section, Figure(
-        f"{paper}-ideal", "Ideal law and compensator at 100 km/h: roll angle", "time (s)", "deg",
-        curves, unit="s", group=paper, linked=False,
-    )  # fmt: skip
-
+from vehicles import GRAVITY
+from vehicles.full_car import AS_PRINTED, REPAIRED, STATES, FullCar
 
 PAPER = "vu2020"
 TITLE = "Vu et al. 2020: LQR of electro-hydraulic anti-roll bars"
@@ -144,7 +59,7 @@ BODE = {
     "force_rear_right": "hop_rl_db",
 }
 SAME_TABLE = replace(AS_PRINTED, valves=REPAIRED.valves)
-"""Table 2 number by number; of Table 1 the misprints mended, without which the bars are idle."""
+"""Table 2, and Table 1 without those misprints with which the bars are idle."""
 STEPS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("compensator, ECU and bus", {"conditions": IDEAL_SENSORS}),
     ("sensor noise, bias, filter, latency", {}),
@@ -169,7 +84,7 @@ def recompute() -> Recomputed:
     """Return every number of Tables 3, 4 and 5."""
     tables = printed(PAPER)
     weight = fitted_weight(tables["reduction_db_at_1_rad_s"]["roll"])
-    found = frequency_domain(tables["reduction_db_at_1_rad_s"], weight)
+    rows = frequency_domain(tables["reduction_db_at_1_rad_s"], weight)
     lane_change = tables["double_lane_change"]
     speeds = [float(speed) for speed in lane_change["speed"]]
     cases = [PaperCase(f"{speed:g} km/h", {"speed_kmh": speed}) for speed in speeds]
@@ -177,19 +92,19 @@ def recompute() -> Recomputed:
     ours = runs[STEPS[-1][0]]
     for place, case in enumerate(cases):
         chain = _chain({name: results[case.row] for name, results in runs.items()}, weight)
-        found += _at_speed(lane_change, place, chain)
+        rows += _at_speed(lane_change, place, chain)
     at_100 = ours["100 km/h"]
-    section, roll = ideal_beside(PAPER, at_100)
+    section, roll = ideal_law(PAPER, at_100)
     figures = [*plots(PAPER, "Lane change", ours), *_at_100(at_100), roll]
-    found.sort(key=lambda row: row.table)
-    proofs = [errata(checks(at_100)), unknowns(_unknowns(weight)), _waterfall(found)]
+    rows.sort(key=lambda row: row.table)
+    proofs = [errata(checks(at_100)), unknowns(_unknowns(weight)), _waterfall(rows)]
     headlines = [
         Headline(
             "Table 4, double lane change", f"{case.row}, passive", f"{case.row}, LQR", "roll_rms"
         )
         for case in cases
     ]
-    return Recomputed(found, figures, proofs, [readings(weight), section], headlines)
+    return Recomputed(rows, figures, proofs, [readings(weight), section], headlines)
 
 
 def of_lane_change(
@@ -293,12 +208,12 @@ def frequency_domain(numbers: Mapping[str, float], weight: float) -> list[PaperR
     bars = _reductions(REPAIRED, weight)
     ours = _reductions(REPAIRED, INPUT_WEIGHT)
     roads = _reductions(SAME_TABLE, 1.0, roads=True)
-    found = []
+    rows = []
     for quantity, value in numbers.items():
         name = BODE[quantity]
         internal = name.startswith("hop")
         steps = [PaperStep("feedback on the currents alone", bars[name])] if internal else []
-        found.append(
+        rows.append(
             PaperRow(
                 PAPER,
                 "Table 3, from the steering at 1 rad/s",
@@ -313,7 +228,7 @@ def frequency_domain(numbers: Mapping[str, float], weight: float) -> list[PaperR
                 attribution=(*steps, PaperStep(WEIGHT, ours[name])),
             )
         )
-    return found
+    return rows
 
 
 def _at_speed(lane_change: Mapping[str, Any], place: int, chain: Chain) -> list[PaperRow]:
@@ -321,7 +236,7 @@ def _at_speed(lane_change: Mapping[str, Any], place: int, chain: Chain) -> list[
     speed = f"{lane_change['speed'][place]:g} km/h"
     table = "Table 4, double lane change"
     course = "course, driver and CarSim car not printed"
-    found = [
+    rows = [
         PaperRow(
             PAPER, table, f"{speed}, {words}", "roll_rms", lane_change[key][place],
             **chain.columns(key), group=f"roll_rms.{speed}", finding=course,
@@ -337,14 +252,14 @@ def _at_speed(lane_change: Mapping[str, Any], place: int, chain: Chain) -> list[
     if speed == "100 km/h":
         value = float(lane_change["roll_max_reduction_percent_at_100"])
         lone.append(("Figure 9, double lane change", "roll_max_reduction_percent", value))
-    found += [
+    rows += [
         PaperRow(
             PAPER, table, speed, quantity, value, **chain.columns(quantity),
             finding="E1: the bars are inside the car" if quantity.startswith("fz") else course,
         )
         for table, quantity, value in lone
     ]  # fmt: skip
-    return found
+    return rows
 
 
 def checks(result: Result) -> list[Mapping[str, Value]]:
@@ -416,7 +331,7 @@ def readings(weight: float) -> PaperSection:
         ("currents, weight 1, pressures in MPa", _reductions(REPAIRED, 1.0)),
         ("currents, weight 1, pressures in Pa", _pascal()),
         ("currents and roads, weight 1, Table 2", _reductions(SAME_TABLE, 1.0, roads=True)),
-        ("currents and roads, mended car", _reductions(REPAIRED, 1.0, roads=True)),
+        ("currents and roads, corrected car", _reductions(REPAIRED, 1.0, roads=True)),
     )
     numbers = printed(PAPER)["reduction_db_at_1_rad_s"]
     as_printed = {"roll_db": numbers["roll"], "roll_rate_db": numbers["roll_rate"]}
@@ -432,7 +347,7 @@ def readings(weight: float) -> PaperSection:
         "readings_of_b",
         "Table 3 by reading",
         columns,
-        [{"reading": name, **found} for name, found in (*cases, ("printed", as_printed))],
+        [{"reading": name, **reductions} for name, reductions in (*cases, ("printed", as_printed))],
         "No reading gives roll and wheels together.",
     )
 

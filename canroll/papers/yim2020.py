@@ -24,18 +24,15 @@ from canroll.papers.linear_roll import design_numbers
 from canroll.papers.paper_runs import Headline, PaperCase, Recomputed, drive, plots
 from canroll.papers.paper_table import PaperRow, PaperSection, Value, printed
 from canroll.papers.roll_loop import Kalman, RollLoop
+from canroll.papers.yim2020_tyres import on_tyres
 from canroll.report.figure import Figure
 from canroll.runs.experiment import plan, simulate
 from canroll.runs.result import Result
 from canroll.typing import Vector
-from gain_gen.analysis.held_plant import HeldPlant, held
 from gain_gen.laws.state_feedback import PRINTED
 from gain_gen.laws.state_gains import lqr, yim_weights
-from gain_gen.models.full_car import ROLL, ROLL_RATE
-from gain_gen.models.roll import Matrix, scaled
+from gain_gen.models.roll import scaled
 from vehicles import GRAVITY, RollModel, Vehicle
-from vehicles.full_car import INPUTS, STATES, from_vehicle, state_matrices
-from vehicles.roll_stiffness import suspension_roll_stiffness
 
 PAPER = "yim2020"
 TITLE = "Yim 2020: active roll stabilisation with disturbance feedforward"
@@ -52,7 +49,7 @@ COMMON: dict[str, Any] = {
 }
 FRICTION = 0.6
 LEAST_GAIN = 1.0
-"""Percent of the largest roll angle from which on RLS is said to help."""
+"""Percent of the largest roll angle above which the paper claims that RLS helps."""
 TABLES: tuple[tuple[str, str, dict[str, Any]], ...] = (
     ("aarb_case2", "Table 3, bars, case 2", {"actuator": "bars"}),
     ("aarb_case3", "Table 4, bars, case 3", {"actuator": "bars", "identification": True}),
@@ -140,7 +137,7 @@ class Yim:
 
 def recompute() -> Recomputed:
     """Return every number of Tables 3 to 6."""
-    found: list[PaperRow] = []
+    rows: list[PaperRow] = []
     figures: list[Figure] = []
     theirs: Yim | None = None
     for key, table, keywords in TABLES:
@@ -162,16 +159,16 @@ def recompute() -> Recomputed:
             scale = fitted_scale(model, lateral, numbers["passive"][0])
             theirs = Yim(first.settings.vehicle, lateral, scale)
         for row, values in numbers.items():
-            found += _rows(key, table, row, values, runs, theirs)
+            rows += _rows(key, table, row, values, runs, theirs)
     assert theirs is not None
     bars = {**COMMON, "actuator": "bars", "observer": "two_sensors"}
-    proofs = [errata(checks(theirs)), unknowns(_unknowns(theirs)), _waterfall(found)]
+    proofs = [errata(checks(theirs)), unknowns(_unknowns(theirs)), _waterfall(rows)]
     sections = [
         design_numbers(PAPER, bars, LAWS, RECOMPUTED),
-        on_tyres(theirs.vehicle),
+        on_tyres(PAPER, theirs.vehicle, COMMON["speed_kmh"] / 3.6),
         identification(),
     ]
-    return Recomputed(found, figures, proofs, sections, HEADLINES)
+    return Recomputed(rows, figures, proofs, sections, HEADLINES)
 
 
 def _rows(  # noqa: PLR0917
@@ -325,65 +322,6 @@ def _waterfall(rows: Sequence[PaperRow]) -> PaperSection:
         "Each column switches one thing more. The ECU computes in fixed point; its first column "
         "includes rounding, tick and actuator limits.",
     )
-
-
-DELAYS_MS = (0.0, 5.0, 10.0, 20.0)
-
-
-def on_tyres(vehicle: Vehicle) -> PaperSection:
-    """Return whether the printed gains are stable on a car with tyres and unsprung masses."""
-    stiffness = suspension_roll_stiffness(vehicle)
-    a, b = state_matrices(
-        from_vehicle(vehicle, suspension_stiffness=stiffness), COMMON["speed_kmh"] / 3.6
-    )
-    lag = printed(PAPER)["aarb"]["time_constant_s"]
-    body = [STATES.index(name) for name in STATES if not name.endswith(("_front", "_rear"))]
-    moments = [INPUTS.index(f"moment_{axle}") for axle in ("front", "rear")]
-    count = len(body)
-    with_lag = np.zeros((count + 1, count + 1))
-    with_lag[:count, :count] = a[np.ix_(body, body)]
-    # half of the moment on each axle, as the paper has it
-    with_lag[:count, count] = b[np.ix_(body, moments)].mean(axis=1)
-    with_lag[count, count] = -1 / lag
-    command = np.zeros((count + 1, 1))
-    command[count] = 1 / lag
-    rows: list[dict[str, Value]] = []
-    for law, (angle, rate) in PRINTED.items():
-        gain = np.zeros((1, count + 1))
-        gain[0, [body.index(ROLL), body.index(ROLL_RATE)]] = angle, rate
-        row: dict[str, Value] = {"law": law}
-        for delay in DELAYS_MS:
-            plant = held(
-                with_lag, command, tick=printed(PAPER)["sample_time_s"], delay=1e-3 * delay
-            )
-            row[f"radius_{delay:g}_ms"] = spectral_radius(plant, gain)
-        rows.append(row)
-    return PaperSection(
-        "on_tyres",
-        "Largest |z| of the printed gains on the linear car with tyres, true states",
-        {"law": "law", **{f"radius_{delay:g}_ms": f"{delay:g} ms" for delay in DELAYS_MS}},
-        rows,
-        "Calibrated car at 80 km/h, tick 10 ms, bars with their lag, plus a constant delay; below "
-        "1 the loop is stable. With true states H∞ and SMC rest over our bus too, on the same "
-        "tyres; with the roll rate alone and the observer both oscillate.",
-    )
-
-
-def spectral_radius(plant: HeldPlant, gain: Matrix) -> float:
-    """Return the largest |z| of u = −K x around a plant with delayed, held commands."""
-    count, steps = len(plant.phi), plant.steps
-    closed = np.zeros((count + steps, count + steps))
-    closed[:count, :count] = plant.phi
-    # newest command first: what acts is number steps − 1 and number steps of the line
-    commands = np.zeros((steps + 1, count + steps))
-    commands[0, :count] = -gain
-    commands[1:, count:] = np.eye(steps)
-    if steps:
-        closed[:count] += plant.fresh @ commands[[steps - 1]] + plant.stale @ commands[[steps]]
-        closed[count:] = commands[:-1]
-    else:
-        closed[:count] += plant.fresh @ commands[[0]]
-    return float(np.max(np.abs(np.linalg.eigvals(closed))))
 
 
 def identification() -> PaperSection:

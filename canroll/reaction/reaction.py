@@ -110,10 +110,12 @@ class Reaction:
             return ""
         if self.no_verdict:
             return f"no verdict on the fault: {self.no_verdict}"
-        found = "fault not detected"
+        detection = "fault not detected"
         if self.detected_after is not None:
-            found = f"fault detected after {1e3 * self.detected_after:.0f} ms ({self.detected_by})"
-        return f"{found}, {'; '.join(self.harm) if self.harm else 'no harm'}"
+            detection = (
+                f"fault detected after {1e3 * self.detected_after:.0f} ms ({self.detected_by})"
+            )
+        return f"{detection}, {'; '.join(self.harm) if self.harm else 'no harm'}"
 
     def to_json(self) -> dict[str, Any]:
         """Return it as plain data."""
@@ -136,8 +138,8 @@ def observe(
     begin = 0.0 if start is None else start
     usual = None if healthy is None else _outwards(healthy)
     harms = sorted(_harms(trace, passive, healthy, usual, begin), key=lambda harm: harm.t)
-    found = None if start is None else _detection(trace, start)
-    later = trace.ticks["mode"][trace.ticks["t"] >= (begin if found is None else found[0])]
+    detection = None if start is None else _detection(trace, start)
+    later = trace.ticks["mode"][trace.ticks["t"] >= (begin if detection is None else detection[0])]
     modes = np.bincount(later) if len(later) else np.zeros(1)
     no_verdict = ""
     if start is not None and start >= trace.duration:
@@ -149,8 +151,8 @@ def observe(
         wrong_side_max_nm=wrong,
         wrong_side_s=longest,
         start=start,
-        detected_after=None if found is None or start is None else found[0] - start,
-        detected_by="" if found is None else found[1],
+        detected_after=None if detection is None or start is None else detection[0] - start,
+        detected_by="" if detection is None else detection[1],
         mode=MODES[int(np.argmax(modes))],
         harm=tuple(harm.text for harm in harms),
         harm_after=harms[0].t - begin if harms else None,
@@ -167,12 +169,12 @@ def mode_changes(ticks: Table) -> tuple[ModeChange, ...]:
 
 def codes_seen(ticks: Table) -> tuple[CodeSeen, ...]:
     """Return every fault code active in rows of :data:`canroll.runs.trace.TICK`."""
-    time, codes, found = ticks["t"], ticks["fault_codes"], []
+    time, codes, seen = ticks["t"], ticks["fault_codes"], []
     for code, name in sorted(FAULT_CODES.items()):
         active = time[(codes >> code) & 1 == 1]
         if len(active):
-            found.append(CodeSeen(code, name, float(active[0]), float(active[-1]), len(active)))
-    return tuple(found)
+            seen.append(CodeSeen(code, name, float(active[0]), float(active[-1]), len(active)))
+    return tuple(seen)
 
 
 def _detection(trace: ObservedTrace, start: float) -> tuple[float, str] | None:
@@ -180,20 +182,20 @@ def _detection(trace: ObservedTrace, start: float) -> tuple[float, str] | None:
     ticks = np.asarray(trace.ticks)
     before, after = ticks[ticks["t"] < start], ticks[ticks["t"] >= start]
     known = int(np.bitwise_or.reduce(before["fault_codes"][-1:], initial=0))
-    found = []
+    events = []
     new = after["fault_codes"] & ~np.uint32(known)
     for place in np.flatnonzero(new)[:1]:
         names = [name for code, name in FAULT_CODES.items() if int(new[place]) >> code & 1]
-        found.append((float(after["t"][place]), ", ".join(names)))
+        events.append((float(after["t"][place]), ", ".join(names)))
     was_active = len(before) == 0 or before["mode"][-1] == ACTIVE
     left = np.flatnonzero(after["mode"] != ACTIVE) if was_active and len(before) else ()
     for place in left[:1]:
-        found.append((float(after["t"][place]), MODES[int(after["mode"][place])]))
+        events.append((float(after["t"][place]), MODES[int(after["mode"][place])]))
     held = trace.signals["command_held"]
     time = trace.signals["time"]
     released = np.flatnonzero((time[1:] > start) & (held[1:] == 0) & (held[:-1] > 0))
-    found += [(float(time[i + 1]), "command released") for i in released[:1]]
-    return min(found, key=lambda entry: entry[0], default=None)
+    events += [(float(time[i + 1]), "command released") for i in released[:1]]
+    return min(events, key=lambda entry: entry[0], default=None)
 
 
 def _outwards(trace: ObservedTrace) -> NDArray[np.float64]:
@@ -259,7 +261,7 @@ def _harms(
     usual: NDArray[np.float64] | None,
     begin: float,
 ) -> list[Harm]:
-    found = []
+    harms = []
     others = [passive] if healthy is None else [passive, healthy]
     for limit in LIMITS:
         before = limit.scale * max(_peak(other, limit.signal) for other in others)
@@ -267,12 +269,12 @@ def _harms(
         if over is not None and before > 0:
             most = limit.scale * _peak(trace, limit.signal, begin)
             text = f"{limit.label} {most:.2f}{limit.unit} instead of {before:.2f}{limit.unit}"
-            found.append(Harm(over, text))
+            harms.append(Harm(over, text))
     most, longest, harmful = _wrong_side(trace, begin, usual)
     if harmful is not None:
         text = f"up to {most:.0f} N·m on the wrong side for {longest:.2f} s"
-        found.append(Harm(harmful, text))
+        harms.append(Harm(harmful, text))
     rolls = _first(trace, "rollover", 0.0)
     if rolls is not None and all(_first(other, "rollover", 0.0) is None for other in others):
-        found.append(Harm(rolls, "the vehicle rolls over"))
-    return found
+        harms.append(Harm(rolls, "the vehicle rolls over"))
+    return harms

@@ -53,14 +53,16 @@ def payloads(rows: NDArray[np.uint8]) -> str:
 
 def _packed(places: NDArray[np.number], low: float, step: float) -> dict[str, object]:
     # differences wrap around as the page's sums do
-    whole = places.astype(np.int64).astype(np.uint32)
+    integers = places.astype(np.int64).astype(np.uint32)
     for _ in range(2):
-        whole = np.diff(whole, prepend=np.uint32(0))
+        integers = np.diff(integers, prepend=np.uint32(0))
     # the sign goes last, so that the higher bytes of small numbers are 0
-    whole = whole << np.uint32(1) ^ np.where(whole >> 31, np.uint32(0xFFFFFFFF), np.uint32(0))
-    planes = whole.astype("<u4").view(np.uint8).reshape(-1, 4).T
+    integers = integers << np.uint32(1) ^ np.where(
+        integers >> 31, np.uint32(0xFFFFFFFF), np.uint32(0)
+    )
+    planes = integers.astype("<u4").view(np.uint8).reshape(-1, 4).T
     return {
-        "count": len(whole),
+        "count": len(integers),
         "low": low,
         "step": step,
         "packed": packed_bytes(np.ascontiguousarray(planes)),
@@ -69,8 +71,8 @@ def _packed(places: NDArray[np.number], low: float, step: float) -> dict[str, ob
 
 def every(parts: Iterable[NDArray[np.float64]], stride: int) -> NDArray[np.float64]:
     """Return each ``stride``-th value of a signal that comes in parts."""
-    found, first = [np.zeros(0)], 0
+    kept, first = [np.zeros(0)], 0
     for part in parts:
-        found.append(part[-first % stride :: stride])
+        kept.append(part[-first % stride :: stride])
         first += len(part)
-    return np.concatenate(found)
+    return np.concatenate(kept)

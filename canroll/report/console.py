@@ -20,5 +20,5 @@ class Console(RichConsole):
             self.width = WIDEST
 
     def on_broken_pipe(self) -> None:
-        """Let the error through."""
+        """Do not suppress the error."""
         raise BrokenPipeError

@@ -57,7 +57,7 @@ def dash(place: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class CurveQuantity:
-    """What is plotted: a function of recorded ``signals`` that takes each instant by itself."""
+    """What is plotted: a function of recorded ``signals`` that takes each instant separately."""
 
     signals: tuple[str, ...]
     of: Callable[..., Vector]

@@ -22,7 +22,7 @@ def pack(values: ArrayLike) -> str:
 def thin(x: NDArray[Any], y: NDArray[Any], points: int = POINTS_MAX) -> tuple[Any, Any]:
     """Return both ends of a curve and the smallest and largest value of each stretch.
 
-    They are at most ``points`` beside the ends.
+    They are at most ``points``, and the ends.
     """
     return thin_pieces([(x, y)], len(x), points)
 
@@ -35,20 +35,20 @@ def thin_pieces(
         x, y = zip(*pieces, strict=True)
         return np.concatenate(x), np.concatenate(y)
     stride = -(-2 * count // points)
-    found, first, x, y = [], 0, np.zeros(0), np.zeros(0)
+    kept, first, x, y = [], 0, np.zeros(0), np.zeros(0)
     for piece in pieces:
         x, y = np.append(x, piece[0]), np.append(y, piece[1])
         last = first + len(x) == count
-        whole = len(x) // stride * stride
-        blocks = np.reshape(y[:whole], (-1, stride))
+        full = len(x) // stride * stride
+        blocks = np.reshape(y[:full], (-1, stride))
         ends = np.stack([np.argmin(blocks, axis=1), np.argmax(blocks, axis=1)], axis=1)
         picks = (ends + np.arange(len(blocks))[:, None] * stride).ravel()
         # both ends of the curve remain, whatever their values
         picks = np.append(picks, ([0] if first == 0 else []) + ([len(x) - 1] if last else []))
         picks = picks.astype(int)
-        found.append((first + picks, x[picks], y[picks]))
-        x, y, first = x[whole:], y[whole:], first + whole
-    places, x, y = (np.concatenate(part) for part in zip(*found, strict=True))
+        kept.append((first + picks, x[picks], y[picks]))
+        x, y, first = x[full:], y[full:], first + full
+    places, x, y = (np.concatenate(part) for part in zip(*kept, strict=True))
     _, picks = np.unique(places, return_index=True)
     return x[picks], y[picks]
 

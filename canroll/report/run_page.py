@@ -42,9 +42,9 @@ NO_ROLL = (
     "on banked or uneven roads and with a wheel in the air, where it is undefined."
 )
 PLAYBACK_STEP = 0.02
-"""Time between two pictures of the playback, s, and of a longer run so much longer…"""
+"""Least time between two pictures of the playback, s."""
 PICTURES = 30_000
-"""…that there are no more than these."""
+"""Most pictures of a playback; those of a longer run are further apart."""
 TIMING_PLOTS = (
     ("jitter", "Start after the deadline", (("tick", "start_jitter"), ("plant", "plant_jitter"))),
     ("tick", "Duration of a tick, including its frames", (("tick", "tick"),)),
@@ -230,7 +230,7 @@ def _resampled(trace: Trace, step: float) -> list[Vector]:
     """Return each of ``PLAYED`` every ``step`` seconds from 0 to the end of the run."""
     end = max(float(time[-1]) for (time,) in pieces(trace.signals, "time"))
     wanted = np.arange(0.0, end, step)
-    found = [np.empty(len(wanted)) for _ in PLAYED]
+    resampled = [np.empty(len(wanted)) for _ in PLAYED]
     first, before = 0, None
     for piece in pieces(trace.signals, "time", *PLAYED):
         # a plant without wheel loads has NaN, which the page cannot hold
@@ -238,10 +238,10 @@ def _resampled(trace: Trace, step: float) -> list[Vector]:
         if before is not None:
             columns = np.hstack([before, columns])
         last = int(np.searchsorted(wanted, columns[0, -1]))
-        for values, column in zip(found, columns[1:], strict=True):
+        for values, column in zip(resampled, columns[1:], strict=True):
             values[first:last] = np.interp(wanted[first:last], columns[0], column)
         first, before = last, columns[:, -1:]
-    return found
+    return resampled
 
 
 def timing_table(timing: Mapping[str, Any]) -> PageTable:
@@ -254,13 +254,13 @@ def timing_table(timing: Mapping[str, Any]) -> PageTable:
         for key, name in ROWS.items()
         if timing[key] is not None
     ]
-    told = (
+    heading = (
         f"{timing['ticks']} ticks, {timing['deadline_misses']} missed, {timing['frames_lost']} "
         "frames lost."
     )
     seen = [f"{line}." for line in bus_lines(timing)]
     title = "Lock step" if timing["pace"] == "lockstep" else "Real time"
-    return PageTable(title, ("", *QUANTILES), rows, " ".join([told, *seen, *timing["notes"]]))
+    return PageTable(title, ("", *QUANTILES), rows, " ".join([heading, *seen, *timing["notes"]]))
 
 
 def timing_figures(timing: Mapping[str, Any]) -> list[Figure]:

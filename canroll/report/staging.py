@@ -1,8 +1,8 @@
-"""Output files: refused before the work where they cannot be written, replaced as a whole.
+"""Output files: checked before the work, replaced all or none.
 
-The files of a folder are replaced all or none: they are written to a temporary folder beside it and
-moved at the end. The key file, without which the folder is not valid, is removed first and moved
-last, so that a process killed in between leaves either the older files or an invalid folder.
+The files of a folder are replaced all or none: they are written to a temporary folder next to it
+and moved at the end. The key file, without which the folder is not valid, is removed first and
+moved last, so that a process killed in between leaves either the older files or an invalid folder.
 """
 
 import fcntl

@@ -91,7 +91,7 @@ def _run(run: Shown, described: Collection[str]) -> dict[str, Any]:
 
 
 def _signals(trace: Trace) -> dict[str, Any]:
-    """Return time and all signals, with a few quantities made of them."""
+    """Return time and all signals, with a few quantities derived from them."""
     stride = -(-row_count(trace.signals) // INSTANTS_MAX)
     made = {"moment": (MOMENT, "N·m")}
     if has_wheel_loads(trace):
@@ -131,7 +131,7 @@ def _ticks(ticks: Table) -> dict[str, Any]:
 def events(ticks: Table) -> list[dict[str, Any]]:
     """Return when the ECU changed its mode and when fault codes came and went: t, text, bad."""
     times, codes = ticks["t"], ticks["fault_codes"].astype(np.uint32)
-    found: list[dict[str, Any]] = [
+    entries: list[dict[str, Any]] = [
         {"t": change.t, "text": change.mode, "bad": change.mode in BAD}
         for change in mode_changes(ticks)
     ]
@@ -142,12 +142,12 @@ def events(ticks: Table) -> list[dict[str, Any]]:
             if now != before >> bit & 1:
                 name = FAULT_CODES.get(bit, f"code {bit}")
                 text = name if now else f"{name} over"
-                found.append({"t": float(times[i]), "text": text, "bad": bool(now)})
-    found.sort(key=lambda event: event["t"])
-    if len(found) > EVENTS_MAX:
-        more = f"{len(found) - EVENTS_MAX} further changes left out"
-        found[EVENTS_MAX:] = [{"t": found[EVENTS_MAX]["t"], "text": more, "bad": True}]
-    return found
+                entries.append({"t": float(times[i]), "text": text, "bad": bool(now)})
+    entries.sort(key=lambda event: event["t"])
+    if len(entries) > EVENTS_MAX:
+        more = f"{len(entries) - EVENTS_MAX} further changes left out"
+        entries[EVENTS_MAX:] = [{"t": entries[EVENTS_MAX]["t"], "text": more, "bad": True}]
+    return entries
 
 
 def _frames(frames: Table, described: Collection[str]) -> dict[str, Any]:

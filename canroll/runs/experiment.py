@@ -71,7 +71,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, PreparedC
         raise UnknownNameError("scenario", scenario, MANEUVERS)
     speed_kmh, backend = choices.get("speed_kmh"), choices.get("backend")
     options, conditions = choices.get("options") or {}, choices.get("conditions") or {}
-    # what cannot be is refused before anything slow is done
+    # reject invalid input before any slow work
     profile = profile_of(choices)
     refuse_useless_key(choices, profile)
     faults = conditions_of.fault_texts(choices)
@@ -181,9 +181,9 @@ def limit_cycle_of(
 
     ``passive``: at least "time" (s) and "roll" (rad) of the run without control.
     """
-    found = limit_cycle.oscillations(controlled.ticks["t"], controlled.ticks["moment"])
+    candidates = limit_cycle.oscillations(controlled.ticks["t"], controlled.ticks["moment"])
     cycles = limit_cycle.unexcited(
-        found, lambda: ((t, roll) for t, roll in pieces(passive, "time", "roll"))
+        candidates, lambda: ((t, roll) for t, roll in pieces(passive, "time", "roll"))
     )
     own = (cycle for cycle in cycles if _goes_on(settings, controller, controlled, cycle))
     return next(own, None)

@@ -118,8 +118,8 @@ def detect(
         t_passive: times of the same manoeuvre without control, s.
         roll_passive: roll angle at these times, rad.
     """
-    found = unexcited(oscillations(t, command), lambda: [(t_passive, roll_passive)])
-    return found[0] if found else None
+    cycles = unexcited(oscillations(t, command), lambda: [(t_passive, roll_passive)])
+    return cycles[0] if cycles else None
 
 
 def oscillations(t: Vector, command: Vector) -> list[tuple[float, LimitCycle]]:
@@ -136,7 +136,7 @@ def oscillations(t: Vector, command: Vector) -> list[tuple[float, LimitCycle]]:
 
 
 def unexcited(
-    found: Sequence[tuple[float, LimitCycle]],
+    candidates: Sequence[tuple[float, LimitCycle]],
     passive: Callable[[], Iterable[tuple[Vector, Vector]]],
 ) -> list[LimitCycle]:
     """Return the :func:`oscillations` that the manoeuvre does not cause, the longest first.
@@ -144,8 +144,8 @@ def unexcited(
     ``passive`` returns times (s) and roll angle (rad) of the manoeuvre without control, in pieces.
     """
     own: list[LimitCycle] = []
-    for window in dict.fromkeys(window for window, _ in found):
-        cycles = [cycle for length, cycle in found if length == window]
+    for window in dict.fromkeys(window for window, _ in candidates):
+        cycles = [cycle for length, cycle in candidates if length == window]
         inside: list[list[Vector]] = [[] for _ in cycles]
         peak = 0.0
         for t, roll in _pieces_without_average(passive(), window):

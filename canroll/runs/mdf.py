@@ -23,7 +23,7 @@ class PutOff:
 
 
 def put_off() -> None:
-    """Let python-can be imported without asammdf."""
+    """Make python-can importable without asammdf."""
     if PutOff not in sys.meta_path:
         sys.meta_path.insert(0, PutOff)
 

@@ -332,14 +332,14 @@ def response_times(trace: Trace, names: Mapping[int, str] | None = None) -> dict
     """
     if names is None:
         names = {message.frame_id: message.name for message in dbc.load().messages}
-    found: dict[int, list[Vector]] = {}
+    parts: dict[int, list[Vector]] = {}
     for block in blocks(trace.frames):
         done = block[block["outcome"] == DELIVERED]
         for ident in map(int, np.unique(done["ident"])):
             if ident in names:
                 of = done[done["ident"] == ident]
-                found.setdefault(ident, []).append((of["t_end"] - of["t_queued"]) * 1e-6)
-    return {names[ident]: np.concatenate(found[ident]) for ident in sorted(found)}
+                parts.setdefault(ident, []).append((of["t_end"] - of["t_queued"]) * 1e-6)
+    return {names[ident]: np.concatenate(parts[ident]) for ident in sorted(parts)}
 
 
 def spread(values: Vector) -> Extent:

@@ -149,5 +149,5 @@ def _received(frames: Table, segment: int, imu: int) -> NDArray[np.void]:
 
 def _parts(frames: Table, segment: int, imu: int) -> Iterator[NDArray[np.void]]:
     for block in blocks(frames):
-        whole = (block["ident"] == imu & ~EXTENDED) & (block["outcome"] == DELIVERED)
-        yield block[whole & (block["segment"] == segment)]
+        delivered = (block["ident"] == imu & ~EXTENDED) & (block["outcome"] == DELIVERED)
+        yield block[delivered & (block["segment"] == segment)]

@@ -89,7 +89,7 @@ class Settings:
 
     @property
     def law_name(self) -> str:
-        """The law, and the own stage if there is one."""
+        """The law, and your own stage if the controller has one."""
         return self.law if self.stage is None else f"{self.law} and {self.stage.name}"
 
     @property
@@ -162,8 +162,8 @@ class Result:
         controlled_metrics: figures of the controlled run or None.
         without_roll: remaining load transfer if the body did not roll at all, by metric; None if
             unknown.
-        can: bus figures, of the controlled run if there is one.
-        trigger: transmission figures, of the controlled run if there is one.
+        can: bus figures, preferably of the controlled run.
+        trigger: transmission figures, preferably of the controlled run.
         limit_cycle: limit cycle of the command, or None.
         standard: verdicts of the manoeuvre's standard on both runs.
         options: every option of the manoeuvre in effect, defaults too.
@@ -173,8 +173,8 @@ class Result:
         warnings: one line each.
         files: paths of its files, by name.
         timing: figures of a run of two programs as printed by ``canroll hil --json``; else empty.
-        phase: phase of the ticks, of the controlled run if there is one.
-        reaction: modes, fault codes, detection and harm of the controlled run, if there is one.
+        phase: phase of the ticks, preferably of the controlled run.
+        reaction: modes, fault codes, detection and harm of the controlled run, if any.
     """
 
     settings: Settings
@@ -200,7 +200,7 @@ class Result:
     reaction: Reaction | None = None
 
     def to_xarray(self) -> "xarray.Dataset":
-        """Return the traces side by side, along "run": passive, and controlled if there is one.
+        """Return the traces side by side, along "run": passive, then controlled, if any.
 
         Raises:
             MissingExtraError: xarray is not installed.
@@ -211,8 +211,10 @@ class Result:
         xr = optional("xarray", "to_xarray()", "notebook")
         both = [passive, self.controlled.to_xarray()]
         runs = xr.Variable("run", ["passive", "controlled"])
-        found: xarray.Dataset = xr.concat(both, runs, join="outer", combine_attrs="drop_conflicts")
-        return found
+        dataset: xarray.Dataset = xr.concat(
+            both, runs, join="outer", combine_attrs="drop_conflicts"
+        )
+        return dataset
 
     def to_pandas(self) -> "pandas.DataFrame":
         """Return the signals of both runs as columns (run, signal) over "time".
@@ -345,8 +347,8 @@ class Result:
         return {"key": key, "refused": {"ecu": ecu, "actuators": actuators}}
 
     def _phase_json(self) -> dict[str, float | None]:
-        chosen, found = self.settings.phase, self.phase
+        chosen, achieved = self.settings.phase, self.phase
         return {
             "chosen": None if chosen is None else round(1e3 * chosen, 9),
-            **({} if found is None else {k: 1e3 * v for k, v in asdict(found).items()}),
+            **({} if achieved is None else {k: 1e3 * v for k, v in asdict(achieved).items()}),
         }

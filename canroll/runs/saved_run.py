@@ -1,4 +1,4 @@
-"""A run saved in its folder: ``trace.npz`` beside ``result.json`` and ``calibration.toml``.
+"""A run saved in its folder: ``trace.npz``, ``result.json`` and ``calibration.toml``.
 
 From these three files a run can be evaluated and shown again with the same numbers.
 """
@@ -97,7 +97,7 @@ def load(folder: Path) -> Result:
         settings = _settings(data, loaded)
         note = vehicles.note_of_change(settings.vehicle, "run")
         warnings = (*data["warnings"], *([note] if note else []))
-        told = {"warnings": warnings, "files": data["files"]}
+        fields = {"warnings": warnings, "files": data["files"]}
         timing = data.get("timing", {})
         known = data["calibration_id"]
         oscillation = data["limit_cycle"]
@@ -117,7 +117,7 @@ def load(folder: Path) -> Result:
         traces["replay"],
         cycle=cycle,
     )
-    return replace(result, timing=timing, **told)
+    return replace(result, timing=timing, **fields)
 
 
 def digest(path: Path) -> str:

@@ -134,7 +134,7 @@ class StandardOutcome:
 
     @property
     def good(self) -> bool | None:
-        """Whether control helps and the standard is met, if there is one.
+        """Whether control helps and the standard, if any, is met.
 
         False also where only the run without control meets the standard; None where neither
         does, with side effects, or if there is nothing to judge.
@@ -229,8 +229,8 @@ def measure(verdict: Verdict) -> str:
     """Return the criterion with its measured value and its limit as text."""
     if not isfinite(verdict.value):
         return f"{verdict.criterion}: rolled over"
-    told = f" (limit {limit(verdict)})" if limit(verdict) else ""
-    return f"{verdict.criterion} {measured(verdict)}{told}"
+    limit_text = f" (limit {limit(verdict)})" if limit(verdict) else ""
+    return f"{verdict.criterion} {measured(verdict)}{limit_text}"
 
 
 def sentence(judged: StandardJudgement) -> str:

@@ -80,8 +80,8 @@ class Trace:
         }
         times = {"time": ("time", self.signals["time"], {"units": "s"})}
         coordinates = {**times, "tick": ("tick", self.ticks["t"], {"units": "s"})}
-        found: xarray.Dataset = xr.Dataset({**data, **ticks}, coords=coordinates)
-        return found
+        dataset: xarray.Dataset = xr.Dataset({**data, **ticks}, coords=coordinates)
+        return dataset
 
     def to_pandas(self) -> "pandas.DataFrame":
         """Return the signals as columns over "time", SI units in ``attrs["units"]``.

@@ -56,37 +56,37 @@ class RunTiming:
 
 def reasons(run: RunTiming) -> list[str]:
     """Return the reasons why a run is not valid, each with figure and bound; empty if valid."""
-    found = []
+    texts = []
     if run.driven < run.planned - run.tick and not run.rolled_over:
-        found.append(f"the run ended after {run.driven:.2f} s of {run.planned:.2f} s")
+        texts.append(f"the run ended after {run.driven:.2f} s of {run.planned:.2f} s")
     if run.ticks < (1 - MISSED) * run.due:
-        found.append(f"{run.ticks} of {run.due} ticks were run (at least {100 * (1 - MISSED):g} %)")
+        texts.append(f"{run.ticks} of {run.due} ticks were run (at least {100 * (1 - MISSED):g} %)")
     late = sum(lateness > run.tick for lateness in run.plant_late)
     if late > PLANT_LATE * len(run.plant_late):
-        found.append(
+        texts.append(
             f"{late} of {len(run.plant_late)} plant steps were over a tick late "
             f"(at most {100 * PLANT_LATE:g} %)"
         )
     worst = max(run.plant_late, default=0.0)
     if worst > HELD_UP:
-        found.append(
+        texts.append(
             f"the plant stood still for {1e3 * worst:.0f} ms (at most {1e3 * HELD_UP:g} ms)"
         )
     if run.lost > FRAMES_LOST * run.frames:
-        found.append(
+        texts.append(
             f"{run.lost} of {run.frames} frames were lost (at most {100 * FRAMES_LOST:g} %)"
         )
     if run.latencies < max(1, LATENCIES * run.commands):
-        found.append(
+        texts.append(
             f"the latency of {run.latencies} of {run.commands} commands is known "
             f"(at least {100 * LATENCIES:g} %)"
         )
     allowed = run.latency_bound + TICKS_LATER * run.tick
     if run.latency_p99 is not None and run.latency_p99 > allowed:
-        found.append(
+        texts.append(
             f"latency of {1e3 * run.latency_p99:.1f} ms (99th percentile; at most "
             f"{1e3 * allowed:.1f} ms: the modelled bus and a tick)"
         )
     if run.compilations:
-        found.append(f"{run.compilations} functions were compiled during the run")
-    return found
+        texts.append(f"{run.compilations} functions were compiled during the run")
+    return texts

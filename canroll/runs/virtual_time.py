@@ -21,7 +21,7 @@ RUN_TIME_NS = round(RUN_TIME * 1e9)
 BLOCK = 50
 """Ticks run in one call of the compiled loop."""
 KEPT = 20 * BLOCK
-"""Ticks whose state records are kept until the rows are made of them."""
+"""Ticks whose state records are kept until they become rows."""
 
 Progress = Callable[[float], None]
 
@@ -38,7 +38,7 @@ class Ticking(Protocol):
     """Interface of an ECU to the loop: in this process, or in lock step over a bus."""
 
     def restart(self) -> None:
-        """Start anew, as after a loss of power."""
+        """Restart, as after a loss of power."""
 
     def receive(self, ident: int, payload: NDArray[np.uint8], length: int) -> None:
         """Take a frame."""
@@ -60,7 +60,7 @@ def ticks(
 
     Tick k starts at ``offset_ns + k tick_ns``: all frames received by then have been passed on in
     order, and the frames the tick sends are queued ``run_time_ns`` later. In an outage of the
-    ``world`` there are no ticks, and after it the ECU starts anew.
+    ``world`` there are no ticks, and after it the ECU restarts.
     """
     world.advance(0)
     t, powered = offset_ns, True
@@ -155,7 +155,7 @@ def connected(world: World, ecu: NativeEcu) -> Connection:
     for ident, length in sent:
         if length:
             world.check_frame(ident, length)
-    received = [(ident, number) for ident, its in messages.items() for number in its]
+    received = [(ident, number) for ident, numbers in messages.items() for number in numbers]
     places = ecu.record.array.dtype.fields
     assert places is not None
     payloads, payloads_at = places["tx_payload"][:2]

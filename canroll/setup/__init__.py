@@ -1,1 +1,1 @@
-"""What a run is made of: its choices, its controller, and the frames, key and delay of its bus."""
+"""Parts of a run: choices, controller, and the frames, key and delay of its bus."""

@@ -39,7 +39,7 @@ def profile_of(choices: Mapping[str, Any]) -> BusProfile:
 
 
 def firmware_of(profile: BusProfile, stage: OwnStage | None = None) -> BusFirmware:
-    """Return the ECU's program for the frames of a bus, with an own stage where there is one."""
+    """Return the ECU's program for the frames of a bus, with your own stage if one is given."""
     if profile.dbc is None or profile.map_file is None:
         return with_stage(built_in(), stage)
     return with_stage(of_bus(profile.dbc, profile.map_file), stage)
@@ -97,9 +97,9 @@ def _other_rates(profile: BusProfile) -> Iterator[str]:
         "BaudrateCANFD": profile.data_bitrate or profile.bitrate,
     }
     for path, (name, rate) in product(each(profile.dbc), rates.items()):
-        said = attribute(read(path)[0], name)
-        if said and said != rate:
-            yield f"{path}: its {name} is {said} bit/s, that of bus {profile.name} {rate}"
+        declared = attribute(read(path)[0], name)
+        if declared and declared != rate:
+            yield f"{path}: its {name} is {declared} bit/s, that of bus {profile.name} {rate}"
 
 
 def _lacking(profile: BusProfile, bus: BusMap, record: Calibration) -> Iterator[str]:

@@ -31,7 +31,7 @@ class Choice:
         saved: whether results contain it; otherwise it is in their calibration.
         repeated: whether it may be given several times: see :func:`one_or_several`.
         rare: whether only ``--help-all`` shows it.
-        excludes: other options, such as "law=passive", beside which it has no effect, and why.
+        excludes: other options, such as "law=passive", with which it has no effect, and why.
         name: keyword of :func:`canroll.run`, and key in JSON.
         kind: str, Path, float, int, bool, Mapping or Sequence.
         hint: annotation of the keyword: the types of its values.
@@ -115,8 +115,8 @@ def one_or_several(given: str | Path | Sequence[str | Path] | None) -> str | tup
     """Return one value as a text, several as a tuple; a list of one is that one."""
     if given is None or isinstance(given, str | Path):
         return None if given is None else str(given)
-    found = tuple(map(str, given))
-    return found[0] if len(found) == 1 else found
+    texts = tuple(map(str, given))
+    return texts[0] if len(texts) == 1 else texts
 
 
 def as_text(given: Path | str | None) -> str | None:

@@ -1,7 +1,7 @@
 """The choices of a run, in one table.
 
 :class:`Choices` are the keywords of :func:`canroll.run`. From their annotations come the options of
-every command, ``law=lqr,bus=500k`` of ``canroll compare``, what a calibration refuses beside it,
+every command, ``law=lqr,bus=500k`` of ``canroll compare``, what a calibration excludes,
 the settings in JSON objects and saved runs, the command line of the plant in real time, and the
 tables of docs/commands.md.
 """

@@ -20,34 +20,34 @@ def described(text: str) -> dict[str, Any]:
         UnknownNameError: an unknown key or name.
         CanrollError: an invalid value.
     """
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for part in text.split(","):
         word, _, value = part.partition("=")
         if word not in BY_WORD:
             raise UnknownNameError("key of a run", word, BY_WORD)
         choice = BY_WORD[word]
         read = choice.read(value)
-        if choice.repeated and choice.name in found:
-            read = one_or_several([*several(found[choice.name]), read])
-        found[choice.name] = read
-    return found
+        if choice.repeated and choice.name in values:
+            read = one_or_several([*several(values[choice.name]), read])
+        values[choice.name] = read
+    return values
 
 
 def arguments(values: Mapping[str, Any]) -> list[str]:
     """Return the command-line options for ``values``."""
-    found: list[str] = []
+    words: list[str] = []
     for name, value in values.items():
         choice = CHOICES[name]
         if value is None or (choice.kind is bool and value == choice.default):
             continue
         if choice.kind is bool:
-            found.append(choice.option)
+            words.append(choice.option)
         elif choice.kind is Mapping:
             for key, item in value.items():
-                found += [choice.option, f"{key}={item}"]
+                words += [choice.option, f"{key}={item}"]
         elif choice.kind is Sequence or choice.repeated:
             for item in several(value):
-                found += [choice.option, str(item)]
+                words += [choice.option, str(item)]
         else:
-            found += [choice.option, repr(value) if choice.kind is float else str(value)]
-    return found
+            words += [choice.option, repr(value) if choice.kind is float else str(value)]
+    return words

@@ -195,11 +195,11 @@ def runs(
     arguments = [
         (*pair, duration, passive[place]) for pair, place in zip(planned, places, strict=True)
     ]
-    found = cases.rows("runs", simulated, arguments)
+    results = cases.rows("runs", simulated, arguments)
     return [
         # the trace itself, not its copy from another process
         Named(name, replace(result, passive=passive[place]))
-        for (name, _), place, result in zip(wanted, places, found, strict=True)
+        for (name, _), place, result in zip(wanted, places, results, strict=True)
     ]
 
 
@@ -243,14 +243,14 @@ def gather(
     ]
     driven = runs(scenario, wanted, common, duration=duration, cases=cases)
     named = {run.name: run for run in driven} | {t: Named(t, result) for t, result in read.items()}
-    found = [named[name] for name in labels]
-    for run in found:
-        if run.result.settings.scenario != found[0].result.settings.scenario:
+    chosen = [named[name] for name in labels]
+    for run in chosen:
+        if run.result.settings.scenario != chosen[0].result.settings.scenario:
             raise CanrollError(
-                f"{found[0].name} is a {found[0].result.settings.scenario}, {run.name} is a "
+                f"{chosen[0].name} is a {chosen[0].result.settings.scenario}, {run.name} is a "
                 f"{run.result.settings.scenario}: compare runs of one manoeuvre"
             )
-    return found
+    return chosen
 
 
 def is_folder(text: str) -> bool:

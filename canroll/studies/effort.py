@@ -99,12 +99,12 @@ def without_control(
     population: Sequence[Settings], controller: PreparedController
 ) -> list[Passive]:
     """Return each run of ``population`` without control."""
-    found = []
+    passive = []
     for settings in population:
         signals = drive(settings, controller, enabled=False).signals
         time, roll = signals["time"], signals["roll"]
-        found.append(Passive(time, roll, bound_of(settings, controller, time, roll)))
-    return found
+        passive.append(Passive(time, roll, bound_of(settings, controller, time, roll)))
+    return passive
 
 
 def driven(
@@ -143,21 +143,21 @@ def at_budget(drive_at: Callable[[float], EffortRun], budget: float) -> EffortRu
     low, high = EffortRun(0.0, np.zeros((1, len(FIGURES))), 0), None
     factor = 1.0
     for _ in range(STEPS_MAX):
-        found = drive_at(factor)
-        if abs(found.effort / budget - 1.0) <= BUDGET_TOLERANCE:
-            return found
-        if found.effort > budget:
-            high = found
+        driven = drive_at(factor)
+        if abs(driven.effort / budget - 1.0) <= BUDGET_TOLERANCE:
+            return driven
+        if driven.effort > budget:
+            high = driven
         elif factor == LARGEST_FACTOR:
             raise BudgetError(
-                f"does not reach the RMS moment: {found.effort:.0f} N·m at {factor:g} times its "
+                f"does not reach the RMS moment: {driven.effort:.0f} N·m at {factor:g} times its "
                 "gain",
-                found,
+                driven,
             )
         else:
-            low = found
+            low = driven
         if high is None:
-            factor = min(LARGEST_FACTOR, factor * max(1.1, 1.02 * budget / max(found.effort, 1.0)))
+            factor = min(LARGEST_FACTOR, factor * max(1.1, 1.02 * budget / max(driven.effort, 1.0)))
             continue
         width = high.factor - low.factor
         if width < NARROWEST * high.factor:
@@ -176,10 +176,10 @@ def at_rest(drive_at: Callable[[float], EffortRun]) -> EffortRun:
     """Return the results of a law at the largest gain factor without limit cycle, in tenths.
 
     Raises:
-        CanrollError: there is one even at one tenth.
+        CanrollError: a limit cycle remains at one tenth.
     """
     for factor in BACKED_OFF:
-        found = drive_at(factor)
-        if not found.oscillates:
-            return found
+        driven = drive_at(factor)
+        if not driven.oscillates:
+            return driven
     raise CanrollError(f"in a limit cycle even at {BACKED_OFF[-1]:g} times its gain")

@@ -46,7 +46,7 @@ class JudgedFault:
         entry: the entry.
         reaction: reaction of the ECU; None where the fault could not be driven.
         roll_max_deg: largest roll angle with control.
-        no_verdict: why there is no verdict; empty if there is one.
+        no_verdict: why there is no verdict, or "".
     """
 
     entry: CatalogueEntry
@@ -149,12 +149,12 @@ class FaultStudy:
     def coverage(self) -> list[Coverage]:
         """Diagnostic coverage by group, of all single faults, and of all."""
         groups = [*GROUPS.values(), DOUBLE]
-        found = [
+        shares = [
             _coverage(group, [f for f in self.faults if f.entry.group == group]) for group in groups
         ]
         singles = [fault for fault in self.faults if fault.entry.group != DOUBLE]
-        found.insert(-1, _coverage(SINGLES, singles))
-        return [*(c for c in found if c.faults), _coverage(ALL, self.faults)]
+        shares.insert(-1, _coverage(SINGLES, singles))
+        return [*(c for c in shares if c.faults), _coverage(ALL, self.faults)]
 
     @property
     def false_alarm(self) -> bool:
@@ -240,12 +240,12 @@ def judge(loop: StudiedLoop, entry: CatalogueEntry) -> JudgedFault:
         trace = drive(settings, loop.controller, enabled=True)
     except CanrollError as error:
         return JudgedFault(entry, None, None, str(error))
-    found = reaction.observe(trace, loop.passive, parse(entry.faults), loop.healthy)
+    observed = reaction.observe(trace, loop.passive, parse(entry.faults), loop.healthy)
     return JudgedFault(
         entry,
-        found,
+        observed,
         float(np.degrees(peak(trace.signals["roll"]))),
-        found.no_verdict or (NO_EFFECT if _same(trace, loop.healthy) else ""),
+        observed.no_verdict or (NO_EFFECT if _same(trace, loop.healthy) else ""),
     )
 
 

@@ -60,7 +60,7 @@ def figures(controller: PreparedController, settings: Iterable[Settings]) -> NDA
     and the controller alone, not on the other rows.
 
     Raises:
-        CanrollError: a run that cannot be.
+        CanrollError: the settings are invalid.
     """
     return np.array([_pair(controller, each) for each in settings], FIGURES)
 
@@ -80,12 +80,12 @@ def _pair(controller: PreparedController, settings: Settings) -> tuple[object, .
 def without_control(settings: Settings, controller: PreparedController) -> Trace:
     """Return the signals that figures need of the run without control, as far as it is driven.
 
-    As in a run, what faults do is measured against a vehicle whose parts are all right.
+    As in a run, the effect of faults is measured against a fault-free vehicle.
     """
     body = bodies.body(settings.plant)
     if settings.actuator in MOVING or body.outside is not None:
-        whole = replace(settings, faults=())
-        return drive(whole, controller, enabled=False, kept=NEEDED)
+        healthy = replace(settings, faults=())
+        return drive(healthy, controller, enabled=False, kept=NEEDED)
     maneuver = maneuver_of(settings)
     outputs, steer = open_loop.run_passive(settings.vehicle, body, maneuver)
     end_ns = _end_ns(settings, len(outputs) * STEP_NS, maneuver.duration_ns)

@@ -112,8 +112,8 @@ def linear_response(
     rows = tuple(MEASURED.values())
     responses: Responses = {}
     for name in EXCITATIONS:
-        found = plant.response(FREQUENCIES, excitation(vehicle, name), rows)
-        responses[name] = dict(zip(MEASURED, found, strict=True))
+        curves = plant.response(FREQUENCIES, excitation(vehicle, name), rows)
+        responses[name] = dict(zip(MEASURED, curves, strict=True))
     design, why_not = None, ""
     try:
         model = linear_car(
@@ -149,9 +149,9 @@ def excitation(vehicle: Vehicle, name: str) -> Vector:
     return inputs
 
 
-def to_json(found: LinearResponse) -> dict[str, Any]:
+def to_json(linear: LinearResponse) -> dict[str, Any]:
     """Return the object of ``canroll response --linear --json`` without the request."""
-    trim = found.trim
+    trim = linear.trim
     answer: dict[str, Any] = {
         "steer_deg": float(np.degrees(trim.inputs[ports.STEER])),
         "roll_deg": float(np.degrees(trim.outputs[ports.ROLL])),
@@ -164,11 +164,11 @@ def to_json(found: LinearResponse) -> dict[str, Any]:
                 "real": mode.pole.real,
                 "imaginary": mode.pole.imag,
             }
-            for mode in found.modes
+            for mode in linear.modes
         ],
         "frequency_hz": FREQUENCIES.tolist(),
     }
-    for name, responses in found.plant.items():
+    for name, responses in linear.plant.items():
         answer[name] = {
             measured: {
                 "gain": np.abs(response).tolist(),
@@ -176,6 +176,6 @@ def to_json(found: LinearResponse) -> dict[str, Any]:
             }
             for measured, response in responses.items()
         }
-    answer["design_distance"] = found.distance
-    answer["no_design_model"] = found.why_not or None
+    answer["design_distance"] = linear.distance
+    answer["no_design_model"] = linear.why_not or None
     return answer

@@ -37,43 +37,39 @@ UNITS = {
 }
 
 
-def tables(found: LinearResponse) -> Iterable[PageTable]:
+def tables(answer: LinearResponse) -> Iterable[PageTable]:
     """Yield the modes, gain and phase (°) for each excitation, and the distance to the design."""
-    yield PageTable("modes", ("Hz", "damping", "pole (1/s)", "motion"), _modes(found))
+    yield PageTable("modes", ("Hz", "damping", "pole (1/s)", "motion"), _modes(answer))
     for name in EXCITATIONS:
         per, unit, units = UNITS[name]
         heads = (f"{NAMES[key]} ({u})" for key, u in zip(MEASURED, units, strict=True))
         columns = [
             _scaled(response, unit, u)
-            for response, u in zip(found.plant[name].values(), units, strict=True)
+            for response, u in zip(answer.plant[name].values(), units, strict=True)
         ]
         rows = [
             (
                 f"{FREQUENCIES[i]:.2f}",
-                *(
-                    text
-                    for gain, phase in columns
-                    for text in (f"{gain[i]:.4g}", f"{phase[i]:.0f}")
-                ),
+                *(text for column in columns for text in _point(column, i)),
             )
             for i in range(0, FREQUENCIES.size, SHOWN_EVERY)
         ]
         head = ("Hz", *(text for head in heads for text in (head, "phase (°)")))
         yield PageTable(f"{name}, {per}: gain and phase", head, rows)
-    if found.distance is not None:
+    if answer.distance is not None:
         yield PageTable(
             f"distance to the design model, 0.1 to {FREQUENCIES[-1]:g} Hz, % of the plant's peak",
             ("", *NAMES.values()),
             [
                 (name, *("–" if v is None else f"{100 * v:.2f}" for v in row.values()))
-                for name, row in found.distance.items()
+                for name, row in answer.distance.items()
             ],
         )
 
 
-def trim_of(found: LinearResponse) -> str:
+def trim_of(answer: LinearResponse) -> str:
     """Return the trim in words."""
-    trim = found.trim
+    trim = answer.trim
     return (
         f"road wheels at {_rounded(np.degrees(trim.inputs[ports.STEER]))}°, "
         f"roll {_rounded(np.degrees(trim.outputs[ports.ROLL]))}°"
@@ -85,9 +81,9 @@ def _point(column: tuple[Vector, Vector], i: int) -> tuple[str, str]:
     return f"{gain[i]:.4g}", f"{phase[i]:.0f}"
 
 
-def _modes(found: LinearResponse) -> Sequence[tuple[str, ...]]:
+def _modes(answer: LinearResponse) -> Sequence[tuple[str, ...]]:
     rows = []
-    for mode in found.modes:
+    for mode in answer.modes:
         pole = f"{mode.pole.real:.1f}"
         if mode.pole.imag:
             pole += f" ± {mode.pole.imag:.1f}j"
@@ -110,7 +106,7 @@ def _scaled(response: NDArray[np.complex128], per: float, unit: str) -> tuple[Ve
     return (np.degrees(gain) if "°" in unit else gain), phase
 
 
-def draw(found: LinearResponse, where: str, path: Path) -> None:
+def draw(answer: LinearResponse, where: str, path: Path) -> None:
     """Write gains and phases of the plant, and dashed of the design model, as a PNG.
 
     Raises:
@@ -124,10 +120,10 @@ def draw(found: LinearResponse, where: str, path: Path) -> None:
         for i, name in enumerate(EXCITATIONS):
             per, unit, units = UNITS[name]
             runs: dict[str, tuple[str, Mapping[str, NDArray[np.complex128]]]] = {
-                "plant": ("-", found.plant[name])
+                "plant": ("-", answer.plant[name])
             }
-            if found.design is not None:
-                runs["design model"] = ("--", found.design[name])
+            if answer.design is not None:
+                runs["design model"] = ("--", answer.design[name])
             for j, key in enumerate(MEASURED):
                 gains, phases = axes[2 * i, j], axes[2 * i + 1, j]
                 for label, (style, responses) in runs.items():

@@ -55,7 +55,7 @@ class Reception:
 
 @dataclass(frozen=True, slots=True)
 class RecordedDrive:
-    """What the ECU made of a recorded drive.
+    """Response of the ECU to a recorded drive.
 
     Attributes:
         frames: data frames of the channel.
@@ -103,11 +103,11 @@ class RecordedDrive:
     def verdict(self) -> str:
         """The drive in one line."""
         shares = [(name, self.in_mode(name)) for name in MODES]
-        told = ", ".join(f"{name} {100 * share:.1f} %" for name, share in shares if share > 0)
+        modes = ", ".join(f"{name} {100 * share:.1f} %" for name, share in shares if share > 0)
         codes = ", ".join(seen.name for seen in self.codes) or "none"
         return (
             f"{self.seconds:.2f} s, {len(self.commanded['t'])} commands, "
-            f"largest moment {peak(self.ticks['moment']):.0f} N·m; {told}; fault codes: {codes}"
+            f"largest moment {peak(self.ticks['moment']):.0f} N·m; {modes}; fault codes: {codes}"
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -193,18 +193,18 @@ def _receptions(
     """Return each frame's identifier as the firmware's, −1 for remote frames; the receptions."""
     keys = np.where(logged.flags & wire.EXTENDED, logged.ident | EXTENDED, logged.ident)
     keys = np.where(logged.flags & wire.REMOTE, -1, keys)
-    found = []
+    receptions = []
     for box in dict((box.ident, box) for box in firmware.bus.received if box.name).values():
         times = logged.received_ns[keys == box.ident]
         gap = 1e-6 * float(np.diff(times).max()) if len(times) > 1 else None
-        found.append(Reception(box.name, len(times), box.cycle_ms, gap))
-    if not any(heard.frames for heard in found):
-        names = ", ".join(heard.message for heard in found)
+        receptions.append(Reception(box.name, len(times), box.cycle_ms, gap))
+    if not any(heard.frames for heard in receptions):
+        names = ", ".join(heard.message for heard in receptions)
         raise CanrollError(
             f"the log has none of the frames that the ECU receives ({names}): "
             "--dbc and --map describe another bus"
         )
-    return keys, tuple(found)
+    return keys, tuple(receptions)
 
 
 def _commanded(sent: list[tuple[float, bytes]], command: Message) -> dict[str, Vector]:

@@ -70,7 +70,7 @@ def _figures(drive: RecordedDrive) -> list[Figure]:
         values: Vector = ticks[name] * scale
         return over_time(name, title, unit, [Series("estimated", ticks["t"], values, 1, 0, "step")])
 
-    found = [
+    figures = [
         estimated("roll", "Roll angle, estimated", "deg", degrees),
         estimated("roll_rate", "Roll rate, estimated", "deg/s", degrees),
         estimated("lateral_acceleration", "Effective lateral acceleration, estimated", "m/s²"),
@@ -99,7 +99,7 @@ def _figures(drive: RecordedDrive) -> list[Figure]:
             series = Series(name, drive.commanded["t"], values, place, dash(place), "step")
             by_unit.setdefault(unit, []).append(series)
     return [
-        *found,
+        *figures,
         *(
             over_time(f"commands-{i}", "Commands that would have been sent", unit, curves)
             for i, (unit, curves) in enumerate(by_unit.items())

@@ -26,7 +26,8 @@ from canroll.setup.choices import OF_ONE_MANOEUVRE, PASSIVE, check, chosen
 from canroll.setup.controller import PreparedController
 from canroll.studies import equal_effort
 from canroll.studies.effort import scaled
-from canroll.studies.equal_effort import EffortEntry, paired, with_stiffer_bar
+from canroll.studies.effort_rows import EffortEntry, with_stiffer_bar
+from canroll.studies.equal_effort import paired
 from canroll.studies.variation import draw, spread_from
 from canroll.table import Table
 
@@ -195,8 +196,8 @@ def study(
     return SevereStudy(
         tuple(
             row
-            for place, found in figures.items()
-            for row in _rows(manoeuvres[place], tuple(cars), np.array(found))
+            for place, values in figures.items()
+            for row in _rows(manoeuvres[place], tuple(cars), np.array(values))
         ),
         law,
         settings.vehicles,
@@ -208,11 +209,11 @@ def study(
     )
 
 
-def _rows(where: Severe, names: Sequence[str], found: NDArray[np.float64]) -> Iterator[SevereRow]:
+def _rows(where: Severe, names: Sequence[str], values: NDArray[np.float64]) -> Iterator[SevereRow]:
     """Yield the rows of a manoeuvre from what :func:`drive_all` found of its vehicles."""
     for place, name in enumerate(names):
-        own = found[:, place]
-        yield SevereRow(where, name, own[:, :-1], found[:, 0, :-1], int(np.sum(own[:, -1])))
+        own = values[:, place]
+        yield SevereRow(where, name, own[:, :-1], values[:, 0, :-1], int(np.sum(own[:, -1])))
 
 
 def drive_all(
@@ -260,9 +261,9 @@ HEAD = (
 )
 
 
-def lines(found: SevereStudy) -> Iterator[tuple[str, ...]]:
+def lines(answer: SevereStudy) -> Iterator[tuple[str, ...]]:
     """Yield the rows of the study as texts under :data:`HEAD`, better and worse results alike."""
-    for row in found.rows:
+    for row in answer.rows:
         first = row.manoeuvre.title if row.name == "passive" else ""
         against, worst = "", ""
         if row.name != "passive":
@@ -270,33 +271,33 @@ def lines(found: SevereStudy) -> Iterator[tuple[str, ...]]:
             ratio = paired(row.figures[:, column], row.passive[:, column])
             mean, low, high = (100 * value for value in (ratio.mean, ratio.low, ratio.high))
             against = f"{mean:+.0f} %"
-            against += f" [{low:+.1f}, {high:+.1f}]" if found.runs > 1 else ""
+            against += f" [{low:+.1f}, {high:+.1f}]" if answer.runs > 1 else ""
             worst = f"{100 * row.worst:+.0f} %"
         yield (
             *(first, row.name, f"{row.mean('roll_max'):.2f}°", against, worst),
             *(f"{row.mean('roll_rms'):.2f}°", f"{row.mean('sideslip_max'):.1f}°"),
-            *(f"{row.lifts} of {found.runs}", f"{row.cycles} of {found.runs}"),
+            *(f"{row.lifts} of {answer.runs}", f"{row.cycles} of {answer.runs}"),
         )
 
 
-def markdown(found: SevereStudy) -> list[str]:
+def markdown(answer: SevereStudy) -> list[str]:
     """Return the study as a Markdown table."""
     rule = " | ".join("---" if name in ("", *HEAD[:4:3]) else "---:" for name in HEAD)
     head = " | ".join(HEAD).replace("|  |", "| |")
-    return [f"| {head} |", f"| {rule} |", *(f"| {' | '.join(row)} |" for row in lines(found))]
+    return [f"| {head} |", f"| {rule} |", *(f"| {' | '.join(row)} |" for row in lines(answer))]
 
 
-def to_json(found: SevereStudy) -> dict[str, Any]:
+def to_json(answer: SevereStudy) -> dict[str, Any]:
     """Return the study as plain data."""
     return {
-        "law": found.law,
-        **found.vehicles,
-        "actuator": found.actuator,
-        "bus": found.bus,
-        "runs": found.runs,
-        "effort_nm": found.effort,
-        "bar_factor": found.bar,
-        "rows": list(found.table),
+        "law": answer.law,
+        **answer.vehicles,
+        "actuator": answer.actuator,
+        "bus": answer.bus,
+        "runs": answer.runs,
+        "effort_nm": answer.effort,
+        "bar_factor": answer.bar,
+        "rows": list(answer.table),
     }
 
 

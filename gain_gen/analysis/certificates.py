@@ -99,7 +99,7 @@ def event_block(
     pick = np.eye(7)
     ex, eq, ee, ew = pick[:2], pick[2:3], pick[3:4], pick[4:]
     measured = gain * plant.c1 @ ex
-    told, moved = eq - ee, measured - eq
+    sent, moved = eq - ee, measured - eq
     speed = gain * plant.c1 @ flow
     lyapunov = ex.T @ p @ flow
     matrix: Matrix = (
@@ -108,7 +108,7 @@ def event_block(
         + ex.T @ plant.c.T @ plant.c @ ex
         - gamma_squared * ew.T @ ew
         + s * (measured.T @ measured - eq.T @ eq)
-        + omega * (epsilon_squared * told.T @ told - ee.T @ ee)
+        + omega * (epsilon_squared * sent.T @ sent - ee.T @ ee)
         - r / delay * moved.T @ moved
         + delay * r * speed.T @ speed
     )

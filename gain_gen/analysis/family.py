@@ -206,7 +206,7 @@ class FamilyMargins:
 
     @property
     def stable(self) -> bool:
-        """Whether every loop is."""
+        """Whether every loop is stable."""
         return self.worst_sensitivity.margins.sensitivity < inf
 
 
@@ -256,8 +256,8 @@ class Family:
         for member, delay in places:
             factor = controller.factor_at(member.condition.speed)
             gain = -factor * np.sum(response * member.commanded(delay), axis=1)
-            found = nyquist_margins(self.frequencies, gain, member.loop(controller, delay))
-            yield FamilyRow(member.condition, delay, found)
+            margins = nyquist_margins(self.frequencies, gain, member.loop(controller, delay))
+            yield FamilyRow(member.condition, delay, margins)
 
     def jitter(self, controller: Controller) -> tuple[float, Condition]:
         """Return the greatest :func:`jitter_level` of all members and where it is.
@@ -281,9 +281,11 @@ class Family:
                 jitter=self.span,
             )
             levels.append((level, member.condition))
-        return max(levels, key=lambda found: found[0])
+        return max(levels, key=lambda entry: entry[0])
 
-    def largest_delay(self, controller: Controller, found: FamilyMargins, *, limit: float) -> float:
+    def largest_delay(
+        self, controller: Controller, margins: FamilyMargins, *, limit: float
+    ) -> float:
         """Return the largest constant delay, from the least on, at which all members are stable, s.
 
         Searched on the members with the least margins, then confirmed on all. If no loop gain
@@ -291,14 +293,14 @@ class Family:
 
         Args:
             controller: controller of the loops.
-            found: its margins.
+            margins: those of this controller.
             limit: return infinity if all are stable up to this delay, s.
         """
-        if not any(row.margins.crossover for row in found.rows) and _all_stable(
+        if not any(row.margins.crossover for row in margins.rows) and _all_stable(
             self.members, controller, limit
         ):
             return inf
-        worst = {found.worst_gain.condition, found.worst_sensitivity.condition}
+        worst = {margins.worst_gain.condition, margins.worst_sensitivity.condition}
         searched = [member for member in self.members if member.condition in worst]
         while True:
             stable = partial(_all_stable, searched, controller)

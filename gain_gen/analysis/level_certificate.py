@@ -223,6 +223,6 @@ def delay_grid(member: Member, delays: tuple[float, ...], tick: float, step: flo
     """
     least, most = delays[0], delays[-1]
     even = np.linspace(least, most, max(int(np.ceil((most - least) / step)), 1) + 1)
-    whole = np.arange(np.ceil((most - member.filtered) / tick)) * tick + member.filtered
-    kinks = whole[(whole > least) & (whole < most)]
+    multiples = np.arange(np.ceil((most - member.filtered) / tick)) * tick + member.filtered
+    kinks = multiples[(multiples > least) & (multiples < most)]
     return np.unique(np.concatenate([even, kinks]))

@@ -76,16 +76,16 @@ def nyquist_margins(frequencies: Matrix, gain: Complex, loop: SampledLoop) -> Ma
 def negative_crossings(gain: Complex) -> list[float]:
     """Return the crossings of the Nyquist curve with the negative real axis, including its ends."""
     imaginary = gain.imag
-    found = []
+    crossings = []
     for i in np.flatnonzero(np.sign(imaginary[1:]) != np.sign(imaginary[:-1])):
         share = imaginary[i] / (imaginary[i] - imaginary[i + 1])
-        found.append(float(gain.real[i] + share * (gain.real[i + 1] - gain.real[i])))
-    found += [
+        crossings.append(float(gain.real[i] + share * (gain.real[i + 1] - gain.real[i])))
+    crossings += [
         float(end.real)
         for end in (gain[0], gain[-1])
         if abs(end.imag) <= REAL_ENOUGH * abs(end.real)
     ]
-    return [value for value in found if value < -np.finfo(float).tiny]
+    return [value for value in crossings if value < -np.finfo(float).tiny]
 
 
 def factor_within(

@@ -35,7 +35,7 @@ STEP = 0.5
 DECAY = 0.3
 """Decay of a Lyapunov function, as a fraction of the way from the spectral radius to 1."""
 LINE_WEIGHT = 0.1
-"""Weight of the commands under way in the Lyapunov functions, beside 1 for every other state."""
+"""Weight of the commands under way in the Lyapunov functions; every other state has 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,13 +53,13 @@ class Speeds:
         return tuple(
             inf
             if abs(speed - NOMINAL.speed) < ABOUT_NOMINAL
-            else min(largest_factor(gain) for gain in loop_gains(found, controller))
-            for speed, found in zip(SPEEDS, self.families[::2], strict=True)
+            else min(largest_factor(gain) for gain in loop_gains(family, controller))
+            for speed, family in zip(SPEEDS, self.families[::2], strict=True)
         )
 
     def worst(self, controller: Controller) -> tuple[float, float]:
         """Return the least gain margin, dB, and the greatest Ms at all of the speeds."""
-        rows = [row.margins for found in self.families for row in found.rows(controller)]
+        rows = [row.margins for family in self.families for row in family.rows(controller)]
         return min(row.gain_db for row in rows), max(row.sensitivity for row in rows)
 
 
@@ -84,11 +84,11 @@ def speeds_of(task: Task) -> Speeds:
     )
 
 
-def loop_gains(found: Family, controller: Controller) -> Iterator[Complex]:
+def loop_gains(family: Family, controller: Controller) -> Iterator[Complex]:
     """Yield the loop gain of every member at every delay, negative feedback."""
-    response = found.controller_response(controller)
-    for member in found.members:
-        for delay in found.delays:
+    response = family.controller_response(controller)
+    for member in family.members:
+        for delay in family.delays:
             yield np.asarray(-np.sum(response * member.commanded(delay), axis=1))
 
 

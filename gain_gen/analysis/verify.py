@@ -38,23 +38,23 @@ def verify(
     if solution.verified_by_law:
         return Design(law, task, solution, {}, solution.checks, solution.notes)
     controller = solution.controller
-    found = family.margins(controller)
-    checks = dict(solution.checks) | family_checks(found)
+    margins = family.margins(controller)
+    checks = dict(solution.checks) | family_checks(margins)
     report: dict[str, float] = {}
     if solution.rightmost_root is not None:
         checks["rightmost_root"] = below(solution.rightmost_root, 0.0)
     if solution.max_delay is not None:
         report["max_delay_s"] = solution.max_delay
     report["max_delay_sampled_s"] = largest = (
-        family.largest_delay(controller, found, limit=DELAY_LIMIT) if found.stable else 0.0
+        family.largest_delay(controller, margins, limit=DELAY_LIMIT) if margins.stable else 0.0
     )
     checks["delay_margin_s"] = above(
         min(largest, solution.max_delay if solution.max_delay is not None else inf)
         - task.delay.most,
         0.0,
     )
-    if found.stable:
-        report |= asdict(found.nominal.margins)
+    if margins.stable:
+        report |= asdict(margins.nominal.margins)
         level, where = family.jitter(controller)
         checks["jitter_small_gain"] = below(level, 1.0, str(where))
         _check_roll(task, checks, report, controller)
@@ -65,9 +65,9 @@ def verify(
     return Design(law, task, solution, report, checks, _warnings(task, solution, notes, report))
 
 
-def family_checks(found: FamilyMargins) -> dict[str, Check]:
+def family_checks(margins: FamilyMargins) -> dict[str, Check]:
     """Return checks of stability, gain margin and peak sensitivity, each at its worst member."""
-    gain, peak, edge = found.worst_gain, found.worst_sensitivity, found.least_stable
+    gain, peak, edge = margins.worst_gain, margins.worst_sensitivity, margins.least_stable
     return {
         "spectral_radius": below(edge.margins.radius, 1.0, str(edge)),
         "gain_margin_db": above(gain.margins.gain_db, GAIN_MARGIN_DB, str(gain)),
@@ -77,8 +77,8 @@ def family_checks(found: FamilyMargins) -> dict[str, Check]:
 
 def holds(row: FamilyRow) -> bool:
     """Whether one loop of the family has the required margins."""
-    found = row.margins
-    return found.gain_db > GAIN_MARGIN_DB and found.sensitivity < PEAK_SENSITIVITY
+    margins = row.margins
+    return margins.gain_db > GAIN_MARGIN_DB and margins.sensitivity < PEAK_SENSITIVITY
 
 
 def _roll_loop(task: Task, controller: Controller, delay: float) -> SampledLoop:

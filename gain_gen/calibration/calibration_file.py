@@ -200,7 +200,7 @@ def load(path: str | Path) -> LoadedCalibration:
     for name, value in content.items():
         if not isinstance(value, dict):
             raise CanrollError(f"{_at(path, text, name)}: {name} must be a table, [{name}]")
-    found = digest(content)
+    computed = digest(content)
     integers = content.pop("calibration")
     table = fields(Calibration)
     _known(integers, {field.name for field in table}, path, text)
@@ -214,7 +214,7 @@ def load(path: str | Path) -> LoadedCalibration:
             f"edited; create it again with 'canroll design'"
         )
     _check_needed(content, path)
-    if found != written:
+    if computed != written:
         raise CanrollError(
             f"{path}: the digest does not match the content: the file was edited; create it again "
             f"with 'canroll design'"

@@ -43,11 +43,11 @@ def calibrate(design: Design, options: QuantiseOptions | None = None) -> tuple[C
         raise CanrollError(f"the calibration violates rule {refused} of the ECU's check")
     # where nothing is verified, as without control, this would be all
     checks = quantisation_checks(design, record) if design.verified else {}
-    for name, found in checks.items():
-        if not found.ok and not np.isinf(found.value):
+    for name, result in checks.items():
+        if not result.ok and not np.isinf(result.value):
             raise CanrollError(
-                f"{design.law} for {design.task.vehicle.name}: {name} is {found.value:.3g}, more "
-                f"than {found.limit:g}: its coefficients exceed the fixed-point formats"
+                f"{design.law} for {design.task.vehicle.name}: {name} is {result.value:.3g}, more "
+                f"than {result.limit:g}: its coefficients exceed the fixed-point formats"
             )
     return record, design_tables(replace(design, verified={**design.verified, **checks}), quantised)
 

@@ -49,19 +49,19 @@ rad/s."""
 ROLLING_TIME = 0.05
 """How long without a break, s."""
 RESPONSE_LEAST = 0.4
-"""What may always be left over: the roll moment m h a_y of this lateral acceleration, m/s²."""
+"""Residual always tolerated: the roll moment m h a_y of this lateral acceleration, m/s²."""
 RESPONSE_LINEAR = 10.0
 """Lateral acceleration by yaw rate or steering, m/s², beyond which wheels lift and stops are
 reached."""
 RESPONSE_TIME = 0.18
-"""How long too much is left over without a break of the lateral acceleration and of the axles, s;
+"""Time for which residuals of the lateral acceleration and of the axles exceed their limit, s;
 of the body to one side five eighths as long."""
 RESPONSE_LOW_PASS = 0.05
 """Time constant of the low-pass, s."""
 RESPONSE_WASHOUT = 0.2
 """Corner of the washout, Hz."""
 AXLES_LEAST = 0.0012
-"""What may always be left over between the axles: roll of the front tyres by so much, rad."""
+"""Residual always tolerated between the axles, as roll of the front tyres, rad."""
 AXLES_ROUGH = 0.035
 """What a rough road may leave over: roll in this time at the rate at which the axles' suspensions
 move apart, s."""
@@ -72,7 +72,7 @@ AXLES_LINEAR = 7.0
 axles nor roll rates are compared above."""
 
 HEAVE_LEAST = 0.9
-"""What the springs may carry more or less, by mass of the body, m/s²: so much is a crest of 350 m
+"""What the springs may carry more or less, by mass of the body, m/s²: equals a crest of 350 m
 radius at 64 km/h."""
 HEAVE_TIME = 1.0
 """How long without a break, s."""

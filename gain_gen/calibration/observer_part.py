@@ -115,7 +115,7 @@ def covariance_fields(observer: Observer) -> dict[str, Value]:
     # with the roll rate alone the equation may have no solution
     measurements = (0, 1) if 0 in observer.measurements else observer.measurements
     steady = steady_covariance(model, measurements)
-    # a state that nothing moves (the rate of a random walk) keeps a unit of its own
+    # a state that nothing moves (the rate of a random walk) keeps its unit
     unit = np.exp2(np.round(np.log2(3.0 * np.sqrt(np.maximum(np.diag(steady), 2.0**-40)))))
     innovation = np.einsum("mi,ij,mj->m", model.output, steady, model.output)
     measure = np.exp2(np.round(np.log2(np.sqrt(innovation + model.measurement_noise))))

@@ -193,13 +193,13 @@ def _levels(
     wishes = [wish]
     if record.event_trigger:
         wishes.append(replace(wish, name=TRIGGER_LEVEL, trigger=True))
-    found = {}
+    levels = {}
     for each in wishes:
         claim = prove_level(integers, condition, each)
         if claim is not None:
             condition["claims"].append(claim)
-            found[each.name] = math.sqrt(_float(claim["weights"][-1])) / free_peak(member)
-    return found
+            levels[each.name] = math.sqrt(_float(claim["weights"][-1])) / free_peak(member)
+    return levels
 
 
 def refuse_other(record: Calibration, calibration: LoadedCalibration) -> None:

@@ -143,16 +143,16 @@ def remainder(a: Any, b: Any, p: Any, channel: Any, tick: Any, ends: Any) -> Any
     """Return the most by which F(s) leaves centre + G w, |w| <= 1, between two instants, by P."""
     n, cells = a.nrows(), abs(channel["cells"])
     g, onto, centre = (balls(channel[name]) for name in ("generators", "onto", "centre"))
-    step, whole = (ends[1] - ends[0]) / cells, part(flow(a, b, tick), n, [n])
+    step, full = (ends[1] - ends[0]) / cells, part(flow(a, b, tick), n, [n])
     onward, within = flow(a, b, step), flow(a, b, arb(step / 2, step / 2))
     state = part(flow(a, b, tick - ends[1]), n + 1, [n])
     off = bend = arb(0)
     for _ in range(cells + 1):
         gamma = part(state, n, [0])
-        w = onto * (whole - gamma - centre)
+        w = onto * (full - gamma - centre)
         if not (w.transpose() * w)[0, 0] <= 1:
             raise ValueError("the curve of the delay leaves its ellipsoid")
-        off = off.max(norm(p, whole - gamma - centre - g * w))
+        off = off.max(norm(p, full - gamma - centre - g * w))
         bend = bend.max(norm(p, a * (a * part(within * state, n, [0]) + b)))
         state = onward * state
     return off + bend * arb(step * step / 8)

@@ -1,4 +1,4 @@
-"""What can be said where a loop is not proved: the delays it is proved for, and the worst ones."""
+"""Statements about a loop that is not proved: the delays it is proved for, and the worst ones."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

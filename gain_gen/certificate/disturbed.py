@@ -1,7 +1,7 @@
 """Bounds of what steering and a bank of the road do to a condition.
 
 Steering is any angle that changes at ticks, as fast as it likes; what the ECU reads of it, at
-whatever age, is an input of its own. The bank is a roll moment on the body.
+whatever age, is a separate input. The bank is a roll moment on the body.
 """
 
 import numpy as np

@@ -41,14 +41,14 @@ def read_matrices(path: Path) -> dict[str, Matrix]:
     try:
         if path.suffix == ".npz":
             with np.load(path) as stored:
-                found = dict(stored)
+                entries = dict(stored)
         elif path.suffix == ".mat":
-            found = _read_mat(path)
+            entries = _read_mat(path)
         elif path.suffix == ".toml":
-            found = documents.toml(path)
+            entries = documents.toml(path)
         else:
             raise CanrollError(f"matrices {path}: give a .npz, .mat or .toml file")
-        matrices = {name: np.atleast_2d(np.asarray(v, float)) for name, v in found.items()}
+        matrices = {name: np.atleast_2d(np.asarray(v, float)) for name, v in entries.items()}
     except UNREADABLE as error:
         raise CanrollError(f"cannot read matrices {path}: {reason(error)}") from error
     unknown = sorted(set(matrices) - set(NAMES))

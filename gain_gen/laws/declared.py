@@ -58,8 +58,8 @@ def law(**options: Any) -> Callable[[Solve], Solve]:  # noqa: ANN401
 
 def declared(solve: Callable[..., Any]) -> Declared:
     """Return what a law declares; without a declaration it takes no such option."""
-    found: Declared = getattr(solve, "declared", Declared())
-    return found
+    declaration: Declared = getattr(solve, "declared", Declared())
+    return declaration
 
 
 def built_in(takes: Callable[[Declared], bool]) -> list[str]:

@@ -55,7 +55,7 @@ def design_by_theorem(task: Task) -> Solution:
     """Return the gain of the corrected theorem of Redondo 2021, at the longest delay.
 
     The structure W = K C1 X is exact; ρ and ε are scanned. The exact optimum of the gain, which
-    needs no inequality, is reported beside it.
+    needs no inequality, is reported as well.
 
     Raises:
         VerdictError: the theorem certifies no useful gain.
@@ -66,10 +66,10 @@ def design_by_theorem(task: Task) -> Solution:
     open_loop = open_loop_gamma(model)
 
     def level(point: np.ndarray, seconds: float) -> float:
-        found = program.solve(
+        solution = program.solve(
             exp(float(point[0])), exp(float(point[1])), plant.delay(seconds), clock
         )
-        return found.gamma_squared if found is not None else 10.0 * open_loop**2
+        return solution.gamma_squared if solution is not None else 10.0 * open_loop**2
 
     def scan(seconds: float) -> tuple[np.ndarray, float]:
         """Least certified γ² over ρ and ε."""
@@ -81,14 +81,14 @@ def design_by_theorem(task: Task) -> Solution:
             ),
             key=lambda point: level(point, seconds),
         )
-        found = minimize(
+        minimum = minimize(
             level,
             start,
             args=(seconds,),
             method="Nelder-Mead",
             options={"xatol": 5e-3, "fatol": 1e-4, "maxfev": 60},
         )
-        return found.x, float(found.fun)
+        return minimum.x, float(minimum.fun)
 
     target = task.gamma_target if task.gamma_target else USELESS * open_loop
     seconds = max(delay, 1e-3)
@@ -96,20 +96,20 @@ def design_by_theorem(task: Task) -> Solution:
     if sqrt(bound_squared) > target:
         raise VerdictError(_infeasible(task, target, sqrt(bound_squared), open_loop, scan))
     rho, epsilon = exp(float(best[0])), exp(float(best[1]))
-    found = program.solve(rho, epsilon, plant.delay(seconds), clock)
-    assert found is not None
-    level_squared = found.gamma_squared * (1.0 + LEVEL_MARGIN)
+    certified = program.solve(rho, epsilon, plant.delay(seconds), clock)
+    assert certified is not None
+    level_squared = certified.gamma_squared * (1.0 + LEVEL_MARGIN)
     first, second = delay_blocks(
         normalised_plant(plant),
-        gain=found.gain,
-        x=found.x,
-        y=found.y,
-        q=found.q,
+        gain=certified.gain,
+        x=certified.x,
+        y=certified.y,
+        q=certified.q,
         gamma_squared=level_squared,
         delay=plant.delay(seconds),
         epsilon=epsilon,
     )
-    gain = plant.rate_gain(found.gain)
+    gain = plant.rate_gain(certified.gain)
     optimum = exact_optimum(model, seconds, guess=gain)
     return static_solution(
         task,
@@ -119,7 +119,7 @@ def design_by_theorem(task: Task) -> Solution:
         checks={
             "lmi_theorem": below(largest_eigenvalue(first), 0.0),
             "lmi_structure": below(largest_eigenvalue(second), 0.0),
-            "lmi_x": below(-float(np.linalg.eigvalsh(found.x)[0]), 0.0),
+            "lmi_x": below(-float(np.linalg.eigvalsh(certified.x)[0]), 0.0),
         },
         delay_aware=True,
         solve_seconds=clock.seconds,

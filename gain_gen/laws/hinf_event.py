@@ -63,8 +63,8 @@ def design_hinf_event(task: Task) -> Solution:
     program = EventProgram(plant)
 
     def level(log_gain: float) -> float:
-        found = program.solve(-exp(log_gain), plant.delay(delay), EPSILON_SQUARED, clock)
-        return found.gamma_squared if found is not None else 1e6
+        solution = program.solve(-exp(log_gain), plant.delay(delay), EPSILON_SQUARED, clock)
+        return solution.gamma_squared if solution is not None else 1e6
 
     coarse = np.linspace(log(0.01), log(8.0), 15)
     values = [level(float(point)) for point in coarse]
@@ -76,21 +76,21 @@ def design_hinf_event(task: Task) -> Solution:
         options={"xatol": 2e-3},
     )
     normalised_gain = -exp(float(scanned.x))
-    found = program.solve(normalised_gain, plant.delay(delay), EPSILON_SQUARED, clock)
+    best = program.solve(normalised_gain, plant.delay(delay), EPSILON_SQUARED, clock)
     open_loop = open_loop_gamma(model)
-    if found is None or sqrt(found.gamma_squared) > USELESS * open_loop:
+    if best is None or sqrt(best.gamma_squared) > USELESS * open_loop:
         raise VerdictError(
             f"hinf_event for {task.vehicle.name}: no event-triggered roll-rate gain is certified "
             f"better than the open loop at {1e3 * delay:.0f} ms; reduce the delay"
         )
-    level_squared = found.gamma_squared * (1.0 + LEVEL_MARGIN)
+    level_squared = best.gamma_squared * (1.0 + LEVEL_MARGIN)
     block = event_block(
         normalised_plant(plant),
         gain=normalised_gain,
-        p=found.p,
-        r=found.r,
-        s=found.s,
-        omega=found.omega,
+        p=best.p,
+        r=best.r,
+        s=best.s,
+        omega=best.omega,
         gamma_squared=level_squared,
         delay=plant.delay(delay),
         epsilon_squared=EPSILON_SQUARED,
@@ -103,7 +103,7 @@ def design_hinf_event(task: Task) -> Solution:
         gamma_bound=sqrt(level_squared),
         checks={
             "lmi_event": below(largest_eigenvalue(block), 0.0),
-            "lmi_p": below(-float(np.linalg.eigvalsh(found.p)[0]), 0.0),
+            "lmi_p": below(-float(np.linalg.eigvalsh(best.p)[0]), 0.0),
             "event_small_gain": below(
                 sqrt(EPSILON_SQUARED) * event_small_gain(physical, gain=gain, delay=delay), 1.0
             ),

@@ -43,23 +43,23 @@ def design_state_hinf(task: Task) -> Solution:
     scaled_lateral = lateral / scale[:, None]
     c = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
     d = np.array([[0.0], [0.0], [1.0]])
-    found = discrete_h_infinity(scaled_phi, scaled_gamma, scaled_lateral, c=c, d=d, clock=clock)
-    if found is None:
+    solution = discrete_h_infinity(scaled_phi, scaled_gamma, scaled_lateral, c=c, d=d, clock=clock)
+    if solution is None:
         raise VerdictError(
             f"hinf for {task.vehicle.name}: the solver found no gain; check the weights"
         )
-    scaled_gain = -found.y @ np.linalg.inv(found.p)
+    scaled_gain = -solution.y @ np.linalg.inv(solution.p)
     closed, shown = scaled_phi - scaled_gamma @ scaled_gain, c - d @ scaled_gain
     level = discrete_level(StateSpace(closed, scaled_lateral, shown, np.zeros((3, 1)), task.tick))
     gain = scaled_gain * weights.moment / scale
     return Solution(
         state_feedback(task, gain),
         gamma=level,
-        gamma_bound=found.chi * (1.0 + 1e-4),
+        gamma_bound=solution.chi * (1.0 + 1e-4),
         gamma_channel="a_y in m/s² to [roll, roll rate, moment] over their weights, roll model",
         checks={
-            "hinf_level": below(level, found.chi * (1.0 + 1e-4)),
-            "lmi_p": below(-float(np.linalg.eigvalsh(found.p)[0]), 0.0),
+            "hinf_level": below(level, solution.chi * (1.0 + 1e-4)),
+            "lmi_p": below(-float(np.linalg.eigvalsh(solution.p)[0]), 0.0),
         },
         solve_seconds=clock.seconds,
         extra={"moment_weight": weights.moment, "solves": float(clock.solves)},

@@ -52,13 +52,13 @@ class EventProgram:
         ex, eq, ee, ew = pick[:2], pick[2:3], pick[3:4], pick[4:]
         rate_of = ex[1:2]
         lyapunov = ex.T @ self.p @ flow
-        told = eq - ee
+        sent = eq - ee
         matrix = (
             lyapunov
             + lyapunov.T
             + ex.T @ c.T @ c @ ex
             - self.level * (ew.T @ ew)
-            + (self.omega * self.epsilon_squared) * (told.T @ told)
+            + (self.omega * self.epsilon_squared) * (sent.T @ sent)
             - self.omega * (ee.T @ ee)
             - (self.r * self.gain_squared_rate) * (rate_of.T @ rate_of)
             + (self.r * self.gain_rate) * (rate_of.T @ eq + eq.T @ rate_of)

@@ -58,12 +58,12 @@ def sampled_car(model: FullCarModel, tick: float) -> SampledCar:
     n = len(model.a)
     phi, gamma = zero_order_hold(model.a, model.b[:, [STEER, *CURRENTS]], tick)
     decay = float(np.exp(-STEER_CORNER * tick))
-    whole = np.zeros((n + 1, n + 1))
-    whole[:n, :n], whole[:n, n], whole[n, n] = phi, gamma[:, 0], decay
+    phi_steered = np.zeros((n + 1, n + 1))
+    phi_steered[:n, :n], phi_steered[:n, n], phi_steered[n, n] = phi, gamma[:, 0], decay
     noise = np.zeros((n + 1, 1))
     noise[n] = STEER_DEVIATION * np.sqrt(1.0 - decay**2)
     inputs = np.vstack([gamma[:, 1:], np.zeros((1, 2))])
-    return SampledCar(whole, inputs, noise, np.hstack([model.outputs, model.steer[:, None]]))
+    return SampledCar(phi_steered, inputs, noise, np.hstack([model.outputs, model.steer[:, None]]))
 
 
 def compensator_in_full(car: SampledCar, gain: Matrix, task: Task) -> Compensator:

@@ -95,8 +95,8 @@ def best_rate_gain(family: Family) -> RateGain:
     values = [worst(float(point)) for point in grid]
     best = int(np.argmin(values))
     bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    found = minimize_scalar(worst, bounds=bounds, method="bounded", options={"xatol": 1e-3})
-    gain = float(np.exp(found.x if found.fun < values[best] else grid[best]))
+    minimum = minimize_scalar(worst, bounds=bounds, method="bounded", options={"xatol": 1e-3})
+    gain = float(np.exp(minimum.x if minimum.fun < values[best] else grid[best]))
     limiting = max(channels, key=lambda channel: channel.peak_ratio(gain))
     free = np.abs(limiting.free)
     resonant = bool(free.max() > RESONANT * free[0])

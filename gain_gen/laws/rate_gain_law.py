@@ -69,12 +69,12 @@ def design_rate_gain(law: str, task: Task, *, epsilon: float = 0.0) -> Solution:
     }
     checks = {"peak_ratio": below(best.peak_ratio, 1.0, best.where)}
     notes: tuple[str, ...] = ()
-    found, clock = _certified(family, family.members[0], best.gain, epsilon)
-    if found is None:
+    level, clock = _certified(family, family.members[0], best.gain, epsilon)
+    if level is None:
         notes = (f"{law}: no level is certified for a delay that changes, only stability",)
     else:
-        extra["certified_peak_ratio"] = found.ratio
-        checks["lmi_level"] = found.check
+        extra["certified_peak_ratio"] = level.ratio
+        checks["lmi_level"] = level.check
     if epsilon:
         extra["epsilon_squared"] = epsilon**2
         peak = family.margins(static_controller(task, best.gain)).worst_sensitivity
@@ -145,13 +145,14 @@ def _no_gain(law: str, task: Task, best: RateGain) -> str:
     """Return the error that no gain reduces roll, and why."""
     delay = task.delay
     why = (
-        "the delay turns damping into excitation"
+        "the delay makes the feedback destabilising"
         if best.resonant
-        else "the roll there is largest when it is steady, which no damper changes"
+        else "the peak there is the steady-state roll, which rate feedback cannot reduce"
     )
     return (
         f"{law} for {task.vehicle.name}: no roll-rate gain helps at delays of "
         f"{1e3 * delay.least:.0f} to {1e3 * delay.most:.0f} ms: the best leaves "
-        f"{100.0 * best.peak_ratio:.1f} % of the peak roll in the worst case ({best.where}), for "
-        f"{why}; choose a law with the lateral acceleration, or --gains theorem --unverified"
+        f"{100.0 * best.peak_ratio:.1f} % of the peak roll in the worst case ({best.where}), "
+        f"because {why}; choose a law with the lateral acceleration, or --gains theorem "
+        "--unverified"
     )

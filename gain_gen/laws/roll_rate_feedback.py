@@ -64,13 +64,13 @@ def exact_optimum(model: RollModel, delay: float, *, guess: float) -> ExactOptim
         delay: s.
         guess: a stabilising gain, N·m·s/rad, negative; the search covers [guess / 4, 4 guess].
     """
-    found = minimize_scalar(
+    minimum = minimize_scalar(
         lambda log_gain: min(exact_gamma(model, -exp(log_gain), delay), 1e6),
         bounds=(log(-guess) - log(4.0), log(-guess) + log(4.0)),
         method="bounded",
         options={"xatol": 2e-3},
     )
-    return ExactOptimum(-exp(float(found.x)), float(found.fun))
+    return ExactOptimum(-exp(float(minimum.x)), float(minimum.fun))
 
 
 def static_controller(task: Task, gain: float) -> Controller:
@@ -156,19 +156,19 @@ def design_hinf_nodelay(task: Task) -> Solution:
     program = BoundedProgram(plant, fastest)
 
     def level(log_rho: float) -> float:
-        found = program.solve(exp(log_rho), clock)
-        return found.gamma_squared if found is not None else 1e6
+        solution = program.solve(exp(log_rho), clock)
+        return solution.gamma_squared if solution is not None else 1e6
 
     scanned = minimize_scalar(
         level, bounds=(log(0.05), log(fastest)), method="bounded", options={"xatol": 5e-3}
     )
-    found = program.solve(exp(float(scanned.x)), clock)
-    assert found is not None
-    level_squared = found.gamma_squared * (1.0 + LEVEL_MARGIN)
+    best = program.solve(exp(float(scanned.x)), clock)
+    assert best is not None
+    level_squared = best.gamma_squared * (1.0 + LEVEL_MARGIN)
     block = bounded_real_block(
-        normalised_plant(plant), gain=found.gain, x=found.x, gamma_squared=level_squared
+        normalised_plant(plant), gain=best.gain, x=best.x, gamma_squared=level_squared
     )
-    gain = plant.rate_gain(found.gain)
+    gain = plant.rate_gain(best.gain)
     poles = np.linalg.eigvals(state_matrix(model) + gain * moment_input(model) @ ROLL_RATE)
     return static_solution(
         task,
@@ -177,7 +177,7 @@ def design_hinf_nodelay(task: Task) -> Solution:
         gamma_bound=sqrt(level_squared),
         checks={
             "lmi_bounded_real": below(largest_eigenvalue(block), 0.0),
-            "lmi_x": below(-float(np.linalg.eigvalsh(found.x)[0]), 0.0),
+            "lmi_x": below(-float(np.linalg.eigvalsh(best.x)[0]), 0.0),
             "fastest_pole": below(float(np.abs(poles).max()), fastest * plant.frequency * 1.001),
         },
         delay_aware=False,

@@ -179,14 +179,14 @@ class DisturbedCars:
             damping: roll damping of the vehicle, N·m·s/rad: the largest gain tried.
         """
         sensitivity, best = self.worst(replace(start, rate=0.0))
-        allowed, found = max(sensitivity, RATE_SENSITIVITY), 0.0
+        allowed, largest = max(sensitivity, RATE_SENSITIVITY), 0.0
         for gain in -damping * np.arange(1, RATE_STEPS + 1) / RATE_STEPS:
             sensitivity, level = self.worst(replace(start, rate=float(gain)))
             if sensitivity > allowed:
                 break
             if level < best:
-                best, found = level, float(gain)
-        return found
+                best, largest = level, float(gain)
+        return largest
 
 
 def disturbed_cars(family: Family) -> DisturbedCars:
@@ -245,10 +245,10 @@ class SteeredCars:
                 for response, moment in self.moments(*at(horizon))
             )
 
-        found = minimize_scalar(
+        minimum = minimize_scalar(
             rolled, bounds=(0.0, LONGEST_HORIZON), method="bounded", options={"xatol": 1e-3}
         )
-        return at(float(found.x))[0]
+        return at(float(minimum.x))[0]
 
 
 def steered_cars(task: Task, family: Family, model: SteeringModel) -> SteeredCars:
@@ -288,10 +288,10 @@ def design_steering_lead(task: Task) -> Solution:
         start = replace(start, rate=disturbed.rate_gain(start, roll.roll_damping))
         tuning = steered.with_horizon(effort, start)
         controller = replace(base, compensator=compensator(model, tuning, task.tick))
-        found = family.margins(controller)
+        margins = family.margins(controller)
         if (
-            found.worst_gain.margins.gain_db > GAIN_MARGIN_DB
-            and found.worst_sensitivity.margins.sensitivity < PEAK_SENSITIVITY
+            margins.worst_gain.margins.gain_db > GAIN_MARGIN_DB
+            and margins.worst_sensitivity.margins.sensitivity < PEAK_SENSITIVITY
         ):
             break
     notes = () if reduced_to == 1.0 else (_reduced(share, reduced_to * share),)

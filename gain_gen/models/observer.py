@@ -16,7 +16,7 @@ ROLL, RATE, LATERAL, JERK, BIAS = range(5)
 class LateralModel:
     """Model of the lateral acceleration.
 
-    a'' = −2 ζ ω a' − ω² a + white noise of density ``jerk_noise``, (m/s³)²·s… per s.
+    a'' = −2 ζ ω a' − ω² a + white noise of density :attr:`noise_density`, m²/s⁵.
 
     Attributes:
         frequency: ω, rad/s; zero makes a_y a random walk (the 2020 paper) and its rate zero.
@@ -129,9 +129,9 @@ def observer_model(
 ) -> ObserverModel:
     """Return the exact discrete model at ``tick`` with its noise covariances."""
     a, b = continuous_model(roll, lateral)
-    told = np.zeros((5, 1))
-    told[JERK] = lateral.frequency**2 if lateral.steered else 0.0
-    phi, inputs = zero_order_hold(a, np.hstack([b, told]), tick)
+    steering_input = np.zeros((5, 1))
+    steering_input[JERK] = lateral.frequency**2 if lateral.steered else 0.0
+    phi, inputs = zero_order_hold(a, np.hstack([b, steering_input]), tick)
     if lateral.frequency <= 0.0:
         phi[JERK, JERK] = 0.0
     density = np.zeros((5, 5))

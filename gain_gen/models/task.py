@@ -11,8 +11,8 @@ from gain_gen.models.roll import Matrix
 from vehicles import Vehicle
 from vehicles.actuators import ACTUATORS
 
-UNITS = {"_db": " dB", "_s": " s"}
-"""Unit of a check by the end of its name."""
+UNITS = {"db": "dB", "deg": "°", "s": "s", "nm": "N·m", "hz": "Hz"}
+"""Unit of a check or number by the last word of its name."""
 EPSILON_SQUARED = 0.1
 """Relative threshold of the event trigger, squared (Viadero 2022)."""
 
@@ -38,10 +38,10 @@ def above(value: float, limit: float, where: str = "") -> Check:
 
 def in_words(name: str, check: Check) -> str:
     """Return a check in words: its value, its limit, and where the value was found."""
-    unit = next((text for suffix, text in UNITS.items() if name.endswith(suffix)), "")
+    words = name.split("_")
+    unit = f" {UNITS[words.pop()]}" if words[-1] in UNITS else ""
     where = f" ({check.where})" if check.where else ""
-    words = name.removesuffix("_db").removesuffix("_s").replace("_", " ")
-    return f"{words} is {check.value:.3g}{unit} against {check.limit:g}{unit}{where}"
+    return f"{' '.join(words)} is {check.value:.3g}{unit} against {check.limit:g}{unit}{where}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What the residuals of a car can find: the least size of each fault, and what tells them apart."""
+"""Detectability by the residuals of a car: least size of each fault, and which are separable."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -70,10 +70,10 @@ class Detectable:
 
     Attributes:
         fault: which.
-        limits: by residual that sees it; none: it cannot be found.
+        limits: by residual that sees it; none: it is undetectable.
         isolated: least size in the slalom at which no other fault raises the same residuals to the
             same sides, but for those of ``inseparable``; infinite: none.
-        inseparable: names of the faults that it is never told apart from.
+        inseparable: names of the faults that it is always confused with.
     """
 
     fault: ConstantFault

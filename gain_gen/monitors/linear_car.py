@@ -1,4 +1,4 @@
-"""The linear car that residuals are made of: each number as a function of what is not known.
+"""The linear car behind the residuals: each number as a function of the unknowns.
 
 A number is written once for a point of the box of uncertainties, so that the corners of the box say
 what it may be wrong by.
@@ -16,7 +16,7 @@ Gain = Callable[[Factors], float]
 
 @dataclass(frozen=True, slots=True)
 class Car:
-    """What the gains are made of; pairs are (front, rear)."""
+    """Parameters of the gains; pairs are (front, rear)."""
 
     vehicle: Vehicle
     stiffness: float

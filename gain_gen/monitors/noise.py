@@ -22,7 +22,7 @@ FASTEST = 30.0
 
 
 def level(alarms_per_hour: float, memory: float, low_pass: float) -> float:
-    """Return how many standard deviations a filtered noise exceeds that seldom.
+    """Return the level that a filtered noise exceeds at this rate, in standard deviations.
 
     By Rice's formula: white noise between a high-pass of time constant ``memory`` and a low-pass
     ``low_pass`` (s) crosses zero upwards 1 / (2π √(memory low_pass)) times a second, and a level of

@@ -72,7 +72,7 @@ def bank_of(task: Task, box: Uncertainty, *, suspension: bool, moments: bool) ->
 
 
 class Builder:
-    """Parts and residuals as they are added; a residual names the parts it is made of."""
+    """Parts and residuals in the order of addition; a residual names its parts."""
 
     def __init__(self, car: Car, box: Uncertainty, tick: float) -> None:
         self.car, self.box, self.tick = car, box, tick

@@ -22,7 +22,7 @@ class Uncertainty:
         damping: share of the roll damping: temperature and wear.
         tyre: share of the tyres' vertical stiffness: pressure.
         cornering: share of the cornering stiffnesses: load, pressure, tread.
-        roll_centre: distance of the axles' roll centres from where they are said to be: load and
+        roll_centre: distance of the axles' roll centres from their stated place: load and
             travel, m.
         moment: share of the delivered moment that is reported wrongly by sound actuators.
         speed: share of the speed: radius of the wheels.

@@ -115,10 +115,10 @@ def _normalised(plant: Generalised) -> tuple[Generalised, Matrix, Matrix, Matrix
 
 def _diagonal(first: Matrix, second: Matrix) -> Matrix:
     """Return the block diagonal matrix of two blocks."""
-    whole = np.zeros((len(first) + len(second), first.shape[1] + second.shape[1]))
-    whole[: len(first), : first.shape[1]] = first
-    whole[len(first) :, first.shape[1] :] = second
-    return whole
+    block = np.zeros((len(first) + len(second), first.shape[1] + second.shape[1]))
+    block[: len(first), : first.shape[1]] = first
+    block[len(first) :, first.shape[1] :] = second
+    return block
 
 
 def _block(value: float, size: int, zeros: int) -> Matrix:

@@ -30,14 +30,14 @@ STEERING = 0.02
 """Standard deviation of the road-wheel angle, rad."""
 UNKNOWN_STEERING = 0.02
 UNKNOWN_FREQUENCY = 2.0 * pi * 0.1
-"""Standard deviation (rad) and corner (rad/s) of the angle that no one knows."""
+"""Standard deviation (rad) and corner (rad/s) of the unmeasured steering disturbance."""
 DISTURBANCE = 100.0
 """Density of the roll moment on the body from outside, N·m per √Hz."""
 LEAST_NOISE = (0.01, 0.1, 0.05)
 """Standard deviations of a sample of roll rate (rad/s), a_y and steering a_y (m/s²), at least:
 the road's part in them, and the steering's age."""
 RATE_WEIGHT = 0.1
-"""Of the roll rate beside the roll angle, s."""
+"""Weight of the roll rate relative to the roll angle, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ def driven_car(task: Task, family: Family) -> DrivenCar:
 
     pure = max(family.delays[len(family.delays) // 2] - family.members[0].filtered, 0.0)
     sampled = held(a, entering, tick=tick, delay=pure)
-    whole, command = sampled.delayed()
+    phi, command = sampled.delayed()
     lines = sampled.steps
     driven = np.zeros((size + lines, 3))
     # white noise over a tick acts almost as its mean held: the car moves slowly against the tick
@@ -105,7 +105,7 @@ def driven_car(task: Task, family: Family) -> DrivenCar:
     measured[2, angle] = vehicle.lateral_gain(NOMINAL.speed)
     known = (task.noise.roll_rate, task.noise.lateral, 0.0)
     return DrivenCar(
-        a=whole,
+        a=phi,
         driven=driven,
         command=command,
         rolled=rolled,

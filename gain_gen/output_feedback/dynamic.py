@@ -24,11 +24,11 @@ def residualised(full: StateSpace, order: int) -> StateSpace:
 
 def compensator(full: StateSpace) -> Compensator:
     """Return a stable controller in the ECU's form and of its order."""
-    found = residualised(full, N_ORDER)
-    n = len(found.a)
+    reduced = residualised(full, N_ORDER)
+    n = len(reduced.a)
     b, d = np.zeros((n, 4)), np.zeros((1, 4))
-    b[:, INPUTS], d[:, INPUTS] = found.b, MOMENT_UNIT * found.d
+    b[:, INPUTS], d[:, INPUTS] = reduced.b, MOMENT_UNIT * reduced.d
     return scaled_states(
-        Compensator(a=found.a, b=b, e=np.zeros((n, 1)), c=MOMENT_UNIT * found.c, d=d),
+        Compensator(a=reduced.a, b=b, e=np.zeros((n, 1)), c=MOMENT_UNIT * reduced.c, d=d),
         full.tick,
     )

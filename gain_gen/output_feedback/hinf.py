@@ -56,10 +56,10 @@ def hinf(car: DrivenCar, weight: float) -> Synthesis | None:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if _central(continuous, middle) is None else (low, middle)
     bound = BACK * high
-    found = _central(continuous, bound)
-    if found is None:
+    central = _central(continuous, bound)
+    if central is None:
         return None
-    controller = StateSpace(*to_discrete(found, car.tick), car.tick)
+    controller = StateSpace(*to_discrete(central, car.tick), car.tick)
     level = closed_level(plant, controller, car.tick)
     return Synthesis(controller, bound, level) if level < inf else None
 

@@ -73,21 +73,21 @@ def design_hinf(task: Task) -> Solution:
         return design_state_hinf(task)
 
     def central(car: DrivenCar, weight: float) -> StateSpace | None:
-        found = hinf(car, weight)
-        return None if found is None else found.controller
+        answer = hinf(car, weight)
+        return None if answer is None else answer.controller
 
     solution = _designed("hinf", task, central)
     car, weight = driven_car(task, family_of(task)), solution.extra["moment_weight"]
-    found = hinf(car, weight)
-    assert found is not None
-    reduced = residualised(found.controller, N_ORDER)
+    synthesis = hinf(car, weight)
+    assert synthesis is not None
+    reduced = residualised(synthesis.controller, N_ORDER)
     return replace(
         solution,
         gamma=closed_level(weighted(car, weight), reduced, car.tick),
-        gamma_bound=found.bound,
+        gamma_bound=synthesis.bound,
         gamma_channel="[steering, unknown angle, roll moment, noise] in their sizes to [roll, roll "
         "rate, moment] in weighted degrees, linear car",
-        checks={"hinf_level": below(found.level, found.bound)},
+        checks={"hinf_level": below(synthesis.level, synthesis.bound)},
     )
 
 
@@ -107,8 +107,8 @@ def _designed(law: str, task: Task, synthesise: Synthesise) -> Solution:
     arm, unit = task.vehicle.design.roll_arm, _unit_weight(car)
 
     def at(relative: float) -> Compensator | None:
-        found = synthesise(car, relative * unit)
-        return compensator(found) if found is not None and found.stable else None
+        controller = synthesise(car, relative * unit)
+        return compensator(controller) if controller is not None and controller.stable else None
 
     relative, own = _of_effort(wanted * arm, response, at, task.tick)
     for _ in range(HEAVIER_STEPS):
@@ -191,7 +191,7 @@ def lqg(car: DrivenCar, weight: float) -> StateSpace:
 def kalman_gain(car: DrivenCar) -> Matrix:
     """Return M of x̂ = x̄ + M (y − C₂ x̄), the current estimator's, (n, 3)."""
     variance = np.diag(car.noise**2)
-    # nothing disturbs the commands under way: a whiff of noise keeps the equation regular
+    # no noise acts on the commands under way: a small one keeps the Riccati equation well posed
     process = car.driven @ car.driven.T + 1e-12 * np.eye(len(car.a))
     covariance = solve_discrete_are(car.a.T, car.measured.T, process, variance)
     innovation = car.measured @ covariance @ car.measured.T + variance

@@ -23,7 +23,7 @@ RULE = (
 )
 SLACK_NS = 1000
 OTHERS = 0.05
-"""Share of a core's time that other programs take, from which it is worth saying."""
+"""Share of a core's time above which other programs on it are reported."""
 IDLE_EXIT_US = 100
 
 
@@ -93,14 +93,14 @@ def findings(seen: Measurements) -> list[CheckFinding]:
 
 def _refused(seen: Measurements) -> list[CheckFinding]:
     """Return the settings refused by the system, merged if the same on every core."""
-    found = {note: None for loop in seen.loops for note in loop.notes}
+    notes = {note: None for loop in seen.loops for note in loop.notes}
     machine = seen.machine
     limits = {
         "no real-time priority": f"ulimit -r is {machine.rtprio_limit}",
         "memory not locked": f"ulimit -l is {_kib(machine.memlock_limit)}",
     }
     result = []
-    for note in found:
+    for note in notes:
         what, _, remedy = note.partition(": ")
         limit = next((text for start, text in limits.items() if note.startswith(start)), None)
         result.append(CheckFinding(f"{what}, {limit}" if limit else what, remedy))
@@ -115,20 +115,20 @@ def _one_core(seen: Measurements) -> list[CheckFinding]:
 
 def _cores(seen: Measurements) -> list[CheckFinding]:
     """Return findings on the settings of the run's cores and their use by other programs."""
-    found = []
+    flagged = []
     for core in seen.machine.cores:
         loops = [loop for loop in seen.loops if loop.place.core in (core.number, None)]
         if all(loop.place.role == SPARE for loop in loops):
             continue
         if core.governor not in (None, "performance"):
-            found.append(
+            flagged.append(
                 CheckFinding(
                     f"core {core.number} has the frequency governor '{core.governor}'",
                     f"cpupower -c {core.number} frequency-set -g performance",
                 )
             )
         if core.idle_exit_us >= IDLE_EXIT_US:
-            found.append(
+            flagged.append(
                 CheckFinding(
                     f"core {core.number} may sleep in {core.idle_state}, "
                     f"{core.idle_exit_us} µs to wake",
@@ -137,8 +137,8 @@ def _cores(seen: Measurements) -> list[CheckFinding]:
             )
         busy = seen.counted.busy.get(core.number, 0.0) - sum(loop.own_s for loop in loops)
         if busy > OTHERS * seen.seconds:
-            found.append(_others(core, busy / seen.seconds))
-    return found
+            flagged.append(_others(core, busy / seen.seconds))
+    return flagged
 
 
 def _others(core: Core, share: float) -> CheckFinding:
@@ -165,10 +165,10 @@ def _stolen(seen: Measurements) -> list[CheckFinding]:
 
 def _limited(seen: Measurements) -> list[CheckFinding]:
     machine = seen.machine
-    found = []
+    flagged = []
     if machine.quota is not None and machine.quota < 2:
         throttled = seen.counted.throttled
-        found.append(
+        flagged.append(
             CheckFinding(
                 f"the control group may use {machine.quota:g} cores, throttled {throttled} times",
                 "lift its quota (cpu.max, docker --cpus)",
@@ -176,27 +176,27 @@ def _limited(seen: Measurements) -> list[CheckFinding]:
         )
     used = max((loop.own_s for loop in seen.loops), default=0.0) / max(seen.seconds, 1e-9)
     if machine.rt_runtime is not None and used > machine.rt_runtime:
-        found.append(
+        flagged.append(
             CheckFinding(
                 f"real-time processes may use {100 * machine.rt_runtime:.0f} % of the time "
                 f"and a loop used {100 * used:.0f} %",
                 "sysctl kernel.sched_rt_runtime_us=-1",
             )
         )
-    return found
+    return flagged
 
 
 def _timer(seen: Measurements) -> list[CheckFinding]:
-    found = []
+    flagged = []
     slack = max((loop.slack_ns or 0 for loop in seen.loops), default=0)
     # the slack of a real-time process is not used, whatever it says
     ordinary = any(note.startswith("no real-time priority") for x in seen.loops for note in x.notes)
     if ordinary and slack > SLACK_NS:
-        found.append(
+        flagged.append(
             CheckFinding(f"timers may be {slack / 1000:g} µs late (slack)", "real-time priority")
         )
     if seen.resolution_ns > 1000:
-        found.append(
+        flagged.append(
             CheckFinding(
                 f"the clock moves in steps of {seen.resolution_ns / 1000:g} µs",
                 "boot with highres=on",
@@ -204,8 +204,8 @@ def _timer(seen: Measurements) -> list[CheckFinding]:
         )
     source = seen.machine.clocksource
     if source in ("hpet", "acpi_pm", "jiffies", "refined-jiffies"):
-        found.append(CheckFinding(f"the clock source is {source}", "boot with clocksource=tsc"))
-    return found
+        flagged.append(CheckFinding(f"the clock source is {source}", "boot with clocksource=tsc"))
+    return flagged
 
 
 def _largest(values: "np.ndarray[tuple[int, ...], np.dtype[np.int64]]") -> float:

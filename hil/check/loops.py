@@ -134,15 +134,15 @@ def _loop(
             deadline += PERIOD_NS * max(1, -(-(clock() - deadline) // PERIOD_NS))
     used = time.process_time() - used
     counted = None if ecu is None else counters().since(before)
-    found = int(TIMER_SLACK.read_text(encoding="ascii")) if TIMER_SLACK.exists() else None
+    slack = int(TIMER_SLACK.read_text(encoding="ascii")) if TIMER_SLACK.exists() else None
     naps = _naps()
-    send(LoopTimes(place, late[:count], took[:done], naps, found, used, counted, tuple(notes)))
+    send(LoopTimes(place, late[:count], took[:done], naps, slack, used, counted, tuple(notes)))
 
 
 def _naps() -> Times:
-    found = np.zeros(NAPS, np.int64)
+    late = np.zeros(NAPS, np.int64)
     for k in range(NAPS):
         start = time.monotonic_ns()
         time.sleep(NAP_NS * 1e-9)
-        found[k] = time.monotonic_ns() - start - NAP_NS
-    return found
+        late[k] = time.monotonic_ns() - start - NAP_NS
+    return late

@@ -121,12 +121,12 @@ def counters(root: Path = Path("/")) -> Counters:
 
 def core_list(text: str) -> set[int]:
     """Return the cores of a list such as "1,4-6"; none for an empty one."""
-    found: set[int] = set()
+    cores: set[int] = set()
     for part in text.strip().split(","):
         first, _, last = part.partition("-")
         if first.isdigit():
-            found.update(range(int(first), int(last or first) + 1))
-    return found
+            cores.update(range(int(first), int(last or first) + 1))
+    return cores
 
 
 def _core(root: Path, number: int, isolated: bool) -> Core:
@@ -142,15 +142,15 @@ def _core(root: Path, number: int, isolated: bool) -> Core:
 
 def _quota(root: Path) -> float | None:
     """Return the smallest limit on processor time among this process's control groups, in cores."""
-    found = []
+    quotas = []
     for folder in _control_groups(root):
         words = (_text(folder / "cpu.max") or "").split()
         if len(words) == 2 and words[0] != "max":
-            found.append(int(words[0]) / int(words[1]))
+            quotas.append(int(words[0]) / int(words[1]))
         quota, period = (_number(folder / f"cpu.cfs_{name}_us") for name in ("quota", "period"))
         if quota is not None and period and quota > 0:
-            found.append(quota / period)
-    return min(found, default=None)
+            quotas.append(quota / period)
+    return min(quotas, default=None)
 
 
 def _control_groups(root: Path) -> list[Path]:

@@ -161,7 +161,7 @@ def report(seen: Measurements, tick_ms: float) -> dict[str, Any]:
             ],
         },
         "findings": [
-            {"what": found.what, "remedy": found.remedy} for found in judgement.findings(seen)
+            {"what": finding.what, "remedy": finding.remedy} for finding in judgement.findings(seen)
         ],
     }
 

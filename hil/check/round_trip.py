@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil import own_bus
-from hil.bus_link import CanLink, Link, open_link, options_of, parsed_options
+from hil.bus_link import CanLink, Link, open_link
 from hil.check.loops import Placement
 from hil.check.workers import Child, Send, ended
+from hil.hardware.bus_options import options_of, parsed_options
 from hil.hardware.interfaces import is_shared
 from hil.process import collector_off, prepare
 
@@ -74,8 +75,8 @@ def measure(
             children.append(Child(_trips, joined, seconds, near))
         else:
             children.append(Child(_polls, bus, near))
-        found: RoundTrip = children[-1].receive(START + seconds)
-    return found if bus is not None else replace(found, interface="the plant's own bus")
+        times: RoundTrip = children[-1].receive(START + seconds)
+    return times if bus is not None else replace(times, interface="the plant's own bus")
 
 
 def _name(bus: argparse.Namespace) -> str:
@@ -152,9 +153,9 @@ def _polls(send: Send, bus: argparse.Namespace, place: Placement) -> None:
 
 
 def _time_polls(link: CanLink) -> Times:
-    found = np.zeros(POLLS, np.int64)
+    times = np.zeros(POLLS, np.int64)
     for k in range(POLLS):
         start = time.monotonic_ns()
         link.receive()
-        found[k] = time.monotonic_ns() - start
-    return found
+        times[k] = time.monotonic_ns() - start
+    return times

@@ -19,7 +19,7 @@ from hil.hardware.interfaces import CLASSIFIED
 from plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE, length_of
 
 ERROR, SENT = 64, 128
-"""Flags beside those of the wire: an error frame, and a frame of our own."""
+"""Flags in addition to those of the wire: an error frame, and a frame that we sent."""
 ENTRY: Final = np.dtype(
     [
         ("read_ns", "i8"),

@@ -39,16 +39,16 @@ VIOLATIONS = {
 def names(ident: int, data: bytes) -> set[str]:
     """Return the errors that a frame reports; one frame may report several."""
     padded = data.ljust(8, b"\0")
-    found = {name for bit, name in CLASSES.items() if ident & bit}
+    violated = {name for bit, name in CLASSES.items() if ident & bit}
     if ident & CONTROLLER:
         states = {name for bit, name in CONTROLLER_STATES.items() if padded[1] & bit}
-        found |= states or {"controller"}
+        violated |= states or {"controller"}
     if ident & PROTOCOL:
         violations = {name for bit, name in VIOLATIONS.items() if padded[2] & bit}
-        found |= violations or {"protocol violation"}
-    if ident & COUNTERS and not found:
-        found = {"error counters"}
-    return found or {UNCLASSIFIED}
+        violated |= violations or {"protocol violation"}
+    if ident & COUNTERS and not violated:
+        violated = {"error counters"}
+    return violated or {UNCLASSIFIED}
 
 
 def count(frames: Iterable[tuple[int, bytes]], *, classified: bool) -> dict[str, int]:

@@ -48,7 +48,7 @@ def read(path: Path | None) -> LastingCounts:
 
 
 def write(path: Path | None, memory: LastingCounts) -> None:
-    """Write the memory to a file, if there is one.
+    """Write the memory to a file, if one is given.
 
     Raises:
         CanrollError: it cannot be written.

@@ -110,7 +110,7 @@ def plots(bitrate: int, *, assumed: bool) -> list[Plot]:
         bitrate: bit rate of the bus, bit/s.
         assumed: whether the bit rate is an assumption.
     """
-    said = "assumed, not given by -b" if assumed else "as given"
+    source = "assumed, not given by -b" if assumed else "as given"
     return [
         Plot(
             "roll", "Roll angle", "deg",
@@ -164,7 +164,7 @@ def plots(bitrate: int, *, assumed: bool) -> list[Plot]:
             [Curve("all frames seen", "load", [0], 1, kind="step", scale=100.0)],
             zero=True,
             least=5.0,
-            note=f"share of each 100 ms at {bitrate / 1000:g} kbit/s ({said})",
+            note=f"share of each 100 ms at {bitrate / 1000:g} kbit/s ({source})",
         ),
     ]  # fmt: skip
 

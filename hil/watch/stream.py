@@ -99,26 +99,26 @@ class LiveStream:
             while kept and (kept[0][0] or 0.0) < self._shown - KEPT:
                 kept.popleft()
         self._events.extend(events)
-        return self._message(rows, events, whole=False, lost=lost)
+        return self._message(rows, events, complete=False, lost=lost)
 
     def everything(self, *, lost: bool = False) -> str:
         """Return all data up to the last :meth:`news`, for a new client."""
         rows = {name: list(kept) for name, kept in self._kept.items()}
-        return self._message(rows, list(self._events), whole=True, lost=lost)
+        return self._message(rows, list(self._events), complete=True, lost=lost)
 
     def _message(
         self,
         rows: dict[str, list[Row]],
         events: list[tuple[float, str]],
         *,
-        whole: bool,
+        complete: bool,
         lost: bool,
     ) -> str:
         seen = self._seen
         kind, headline, text = state(seen, lost=lost)
         message = {
             "now": round(self._shown, 4),
-            "whole": whole,
+            "whole": complete,
             "rows": rows,
             "events": events,
             "state": {"kind": kind, "headline": headline, "text": text},
@@ -145,7 +145,7 @@ class LiveStream:
             if self._mode != mode:
                 self._note(frame.t, mode if self._mode is None else f"{self._mode} → {mode}")
             self._mode = mode
-        # a code of the latched page may still be active: the next active page tells
+        # a code of the latched page may still be active: the next active page decides
         if "LatchedFaultCodes" in frame.values:
             self._told = int(frame.values["LatchedFaultCodes"])
         if "ActiveFaultCodes" in frame.values:

@@ -34,7 +34,7 @@ def own_body(name: str, purpose: str) -> "Body":
         UnknownNameError: there is none.
         CanrollError: it is an FMU.
     """
-    found = body(name)
-    if found.outside is not None:
+    chosen = body(name)
+    if chosen.outside is not None:
         raise CanrollError(f"--plant {name}: {purpose} needs a model of canroll: omit --plant")
-    return found
+    return chosen

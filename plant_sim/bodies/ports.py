@@ -157,7 +157,7 @@ class Body:
     ``step(state, inputs, parameters, outputs, dt)`` is a numba C function: it advances ``state``
     in place and fills ``outputs``. ``build(vehicle, speed)`` gives the state on a straight road
     at ``speed`` (m/s) and the parameter vector. ``lacks`` are outputs that it does not have: pitch
-    and heave are 0 then, all others NaN. ``friction`` tells whether the road's friction limits it,
+    and heave are 0 then, all others NaN. ``friction``: whether the road's friction limits it,
     ``constant_speed`` whether it keeps its entry speed whatever the drive force.
     """
 

@@ -42,6 +42,6 @@ def load_profile(name: str) -> "BusProfile":
 
     Raises:
         UnknownNameError: there is no such profile.
-        CanrollError: an extension's profile that cannot be, or a log that says too little.
+        CanrollError: an extension's profile is invalid, or a log lacks information.
     """
     return BUSES[name]

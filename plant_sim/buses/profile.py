@@ -25,13 +25,13 @@ class BusProfile:
 
     ``load`` is the total, own messages at their cycle times included; background traffic fills
     the rest, ``above`` of it with identifiers of higher priority than all own messages.
-    ``gateway_ms`` (least and greatest latency each way): the ECU has a segment of its own,
+    ``gateway_ms`` (least and greatest latency each way): the ECU has a separate segment,
     joined to the vehicle's by a gateway. ``data_bitrate``: of FD frames with bit-rate switch, 0:
     as ``bitrate``. ``dbc`` (a file or several) and ``map_file``: the frames that carry our
     signals, both None for those of the contract.
     ``traffic``: a traffic set that is the background, whatever ``load`` says.
     ``measured``: frames that the ECU's XCP slave sends every so many ms, besides the ``load``.
-    ``topology``: segments and gateways of any number; what is said of one bus above is then that of
+    ``topology``: segments and gateways of any number; the keys of one bus above are then those of
     the ECU's segment.
     """
 
@@ -55,7 +55,7 @@ class BusProfile:
 
     @property
     def network(self) -> Topology:
-        """What the network is made of."""
+        """Segments, gateways and nodes of the network."""
         if self.topology is not None:
             return self.topology
         one = BusSegment(
@@ -110,7 +110,7 @@ def accept(what: str, profile: object) -> BusProfile:
     """Return an extension's profile.
 
     Raises:
-        CanrollError: it is no profile, or a figure cannot be.
+        CanrollError: it is not a profile, or a number is invalid.
     """
     if not isinstance(profile, BusProfile):
         raise CanrollError(f"{what}: a {type(profile).__name__}, it must be a BusProfile")

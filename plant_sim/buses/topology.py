@@ -1,4 +1,4 @@
-"""What a network is made of: segments, the gateways between them, and the nodes on them.
+"""Topology of a network: segments, the gateways between them, and the nodes on them.
 
 A gateway stores and forwards: it takes a frame when it is received on the one segment and queues it
 on the other after its latency, frames in the order in which they came.
@@ -96,7 +96,7 @@ class Topology:
 
 
 def check_segment(what: str, segment: BusSegment) -> None:
-    """Refuse a segment that cannot be; ``what`` names it.
+    """Refuse an invalid segment; ``what`` names it.
 
     Raises:
         CanrollError: a figure of it is out of its range.
@@ -125,7 +125,7 @@ def check_segment(what: str, segment: BusSegment) -> None:
 
 
 def check_times(what: str, low_ms: float, high_ms: float) -> None:
-    """Refuse a range of times that cannot be; ``what`` names it.
+    """Refuse an invalid range of times; ``what`` names it.
 
     Raises:
         CanrollError: not in order, or not 0 to 1 s.

@@ -51,7 +51,7 @@ def from_file(
     units are those of the file unless given. The manoeuvre lasts while both signals are there.
 
     Raises:
-        CanrollError: file, names or units that cannot be.
+        CanrollError: invalid file, names or units.
     """
     if not file:
         raise CanrollError(
@@ -94,7 +94,7 @@ def from_file(
 
 
 def _names(file: str, dbc: str, column: str, speed_column: str) -> tuple[str, ...]:
-    """Return the name of the input, and that of the speed if there is one."""
+    """Return the name of the input, and that of the speed, if any."""
     is_csv = signal_file.is_csv(file, dbc)
     header = signal_file.columns(file) if is_csv else ()
     if not column and not is_csv:

@@ -86,13 +86,13 @@ def _clearances(
     Within a lane the corners; at its ends, past which the car turns, all along the side.
     """
     corners, side = (front, -rear), np.linspace(front, -rear, SIDE_POINTS)
-    found = []
+    points_to_clear = []
     for lane in lanes:
         places = lane.start + np.linspace(0.0, lane.length, 1 + int(lane.length))
         for k, x in enumerate(places):
             points = side if k in (0, len(places) - 1) else corners
-            found += [(float(x), float(along), lane) for along in points]
-    return found
+            points_to_clear += [(float(x), float(along), lane) for along in points]
+    return points_to_clear
 
 
 def _least(rows: Vector, limits: Vector) -> Vector | None:

@@ -166,15 +166,15 @@ def describe(key: str, default: Any) -> str:  # noqa: ANN401
 
 def written(options: Mapping[str, Any]) -> dict[str, str]:
     """Return each option's name and value with its unit, as people read them."""
-    found = {}
+    texts = {}
     for key, value in options.items():
         limits = OPTIONS.get(key)
         unit = f" {limits.unit}" if limits is not None and limits.unit else ""
         text = ("off", "on")[value] if isinstance(value, bool) else str(value)
         number = isinstance(value, float | int) and not isinstance(value, bool)
         name = key.removesuffix("_deg").replace("_", " ")
-        found[name] = f"{value:g}{unit}" if number else text
-    return found
+        texts[name] = f"{value:g}{unit}" if number else text
+    return texts
 
 
 def _checked(name: str, given: dict[str, Any]) -> dict[str, Any]:

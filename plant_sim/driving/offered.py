@@ -50,12 +50,12 @@ def accept(what: str, kind: object) -> ManeuverKind:
 def _checked(what: str, plan: Callable[..., ManeuverPlan]) -> Callable[..., ManeuverPlan]:
     @wraps(plan)
     def call(vehicle: Vehicle, speed: float, seed: int, **options: Any) -> ManeuverPlan:  # noqa: ANN401
-        found = plan(vehicle, speed, seed, **options)
+        planned = plan(vehicle, speed, seed, **options)
         try:
-            check_plan(found)
+            check_plan(planned)
         except CanrollError as error:
             raise CanrollError(f"{what}: {error}") from error
-        return found
+        return planned
 
     return call
 

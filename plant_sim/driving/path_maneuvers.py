@@ -57,7 +57,7 @@ def moose(vehicle: Vehicle, speed: float, _seed: int) -> ManeuverPlan:
 def slalom(
     vehicle: Vehicle, speed: float, _seed: int, *, spacing: float = 18.0, count: float = 8.0
 ) -> ManeuverPlan:
-    """Left and right of ``count`` cones in a row, half the car's width and 0.5 m beside each."""
+    """Left and right of ``count`` cones in a row, half the car's width and 0.5 m from each."""
     cones = int(count)
     if count != cones:
         raise CanrollError(f"option count of slalom: {count:g} must be a whole number")

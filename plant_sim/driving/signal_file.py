@@ -138,7 +138,7 @@ def _state(path: Path) -> tuple[int, int]:
     return stat.st_mtime_ns, stat.st_size
 
 
-@lru_cache(maxsize=8)  # each run of a manoeuvre plans it anew
+@lru_cache(maxsize=8)  # each run of a manoeuvre plans it again
 def _read(file: str, names: tuple[str, ...], dbc: str, _state: object) -> tuple[Signal, ...]:
     named = log_name(file)
     if dbc and named is not None:

@@ -8,7 +8,7 @@ From Python, for a world or for a run::
     world = World(..., faults=faults)
     result = canroll.run("double_lane_change", faults=["Imu.RollRate=offset:0.2@1::0.5"])
 
-:class:`Fault` is one fault as plain data, ``kinds.KINDS`` the table of all that there are.
+:class:`Fault` is one fault as plain data, ``kinds.KINDS`` the table of all kinds.
 """
 
 from plant_sim.faults.language import Fault, parse, parse_all, read_file

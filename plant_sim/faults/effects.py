@@ -63,7 +63,7 @@ def actuator_faults(faults: Iterable[Fault]) -> Iterator[Fault]:
 def with_faults(
     sensors: SensorOptions, actuators: ActuatorOptions, faults: tuple[Fault, ...]
 ) -> tuple[SensorOptions, ActuatorOptions]:
-    """Return the options of the nodes with ``faults`` on top of their own."""
+    """Return the options of the nodes with ``faults`` added."""
     return (
         replace(sensors, faults=(*sensors.faults, *sensor_faults(faults))),
         replace(actuators, faults=(*actuators.faults, *actuator_faults(faults))),

@@ -148,14 +148,14 @@ KINDS: tuple[FaultKind, ...] = (
     FaultKind(
         name="down",
         at=NODE,
-        help="has no power: it neither sends nor hears, then starts anew; without power the "
+        help="loses power: sends and receives nothing, then restarts; without power the "
         "actuators float",
         repeats=False,
     ),
     FaultKind(
         name="reset",
         at=NODE,
-        help="is down for VALUE, then starts anew",
+        help="is down for VALUE, then restarts",
         value="s",
         default=0.1,
         low=0.001,

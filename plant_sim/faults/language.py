@@ -32,9 +32,9 @@ class Fault(schedule.ScheduledFault):
 
     def __str__(self) -> str:
         """Return the text that :func:`parse` reads."""
-        found = kind_of(self)
+        kind = kind_of(self)
         text = f"{self.where}={self.kind}"
-        if found.value:
+        if kind.value:
             text += f":{self.value!r}"
         if self.start or self.end < math.inf or self.ramp:
             text += f"@{self.start!r}"
@@ -66,7 +66,7 @@ def parse(text: str) -> tuple[Fault, ...]:
     """Return the faults that ``text`` describes: one, or several joined by `` + ``.
 
     Raises:
-        CanrollError: the text cannot be parsed, or a value or time that cannot be.
+        CanrollError: the text cannot be parsed, or a value or time is invalid.
         UnknownNameError: no such place or kind.
     """
     return tuple(_one(part.strip()) for part in text.split(AND))
@@ -109,7 +109,7 @@ def checked(given: Mapping[str, Any], what: str, *, prefix: str = "") -> Fault:
     ``what`` names it in messages, ``prefix`` comes before names that are unknown.
 
     Raises:
-        CanrollError: a key is missing, or a value or time that cannot be.
+        CanrollError: a key is missing, or a value or time is invalid.
         UnknownNameError: no such key, place or kind.
     """
     for key, value in given.items():

@@ -37,7 +37,7 @@ class ChildTask:
     step: float
 
 
-class Said(io.TextIOBase):
+class LastMessage(io.TextIOBase):
     """Keeps the last line that FMPy prints: the FMU's messages."""
 
     last = ""
@@ -112,16 +112,16 @@ def main() -> None:
     silent = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silent, 1)
     os.dup2(silent, 2)
-    said = Said()
-    sys.stdout = said
+    messages = LastMessage()
+    sys.stdout = messages
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     requests = sys.stdin.buffer
     task = ChildTask(**json.loads(requests.readline()))
     try:
         _serve(task, requests, answers)
     except Exception as error:
-        told = str(error) if not said.last else f"{error} {said.last}"
-        message = " ".join(told.split()).encode()
+        text = str(error) if not messages.last else f"{error} {messages.last}"
+        message = " ".join(text.split()).encode()
         answers.write(BAD + LENGTH.pack(len(message)) + message)
         answers.flush()
     finally:
@@ -130,11 +130,11 @@ def main() -> None:
 
 def _serve(task: ChildTask, requests: BinaryIO, answers: BinaryIO) -> None:
     given = struct.Struct(f"<{len(task.inputs)}d")
-    found = struct.Struct(f"<{len(task.outputs)}d")
+    outputs = struct.Struct(f"<{len(task.outputs)}d")
     instance = Instance(task)
     work = instance.start
     while len(request := requests.read(1 + given.size)) == 1 + given.size:
-        answers.write(GOOD + found.pack(*work(given.unpack(request[1:]))))
+        answers.write(GOOD + outputs.pack(*work(given.unpack(request[1:]))))
         answers.flush()
         work = instance.step
 

@@ -98,8 +98,8 @@ def read(path: Path, plant_map: PlantMap) -> Fmu:
         version=version,
         identifier=described.coSimulation.modelIdentifier,
         token=described.guid if version == 2 else described.instantiationToken,
-        references={name: its.valueReference for name, its in used.items()},
-        types={name: its.type for name, its in used.items()},
+        references={name: entry.valueReference for name, entry in used.items()},
+        types={name: entry.type for name, entry in used.items()},
         factors=factors,
     )
 
@@ -147,7 +147,7 @@ def _variable(path: Path, known: dict[str, Any], name: str, where: str) -> Any: 
 
 
 def _check_end(where: str, variable: Any, table: str) -> None:  # noqa: ANN401
-    """Refuse a variable that cannot be given values each step, or read."""
+    """Refuse a variable that is not settable at each step, or not readable."""
     if variable.type not in FLOATS or variable.dimensions:
         kind = f"an array of {variable.type}" if variable.dimensions else variable.type
         raise CanrollError(f"{where}: {variable.name} is {kind}, it must be a real scalar")

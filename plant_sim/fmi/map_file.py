@@ -50,17 +50,19 @@ class PlantMap:
     @property
     def given(self) -> frozenset[str]:
         """The inputs that reach the FMU or are ignored."""
-        found = set(self.ignored)
+        quantities = set(self.ignored)
         for wire in self.inputs:
-            found.update(DERIVED[wire.quantity][1] if wire.quantity in DERIVED else [wire.quantity])
-        return frozenset(found)
+            quantities.update(
+                DERIVED[wire.quantity][1] if wire.quantity in DERIVED else [wire.quantity]
+            )
+        return frozenset(quantities)
 
 
 def read(path: Path) -> PlantMap:
     """Read the map at ``path``.
 
     Raises:
-        CanrollError: unreadable, or an entry that cannot be; the message names it.
+        CanrollError: unreadable, or an invalid entry; the message names it.
     """
     try:
         table = documents.toml(path)
@@ -100,10 +102,10 @@ def read(path: Path) -> PlantMap:
 
 
 def _table(table: Mapping[str, Any], key: str, path: Path) -> Mapping[str, Any]:
-    found = table.get(key, {})
-    if not isinstance(found, dict):
+    content = table.get(key, {})
+    if not isinstance(content, dict):
         raise CanrollError(f"{path}: {key} must be a table, [{key}]")
-    return found
+    return content
 
 
 def _known(names: Iterable[str], known: Iterable[str], path: Path, what: str) -> None:

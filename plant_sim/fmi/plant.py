@@ -44,21 +44,21 @@ class FmuDrive:
         """Fill ``outputs`` after ``dt`` (s); 0: at the start."""
         given = self._given(inputs)
         if dt == 0.0:
-            found: dict[str, float] | None = self.session.start(given)
+            state: dict[str, float] | None = self.session.start(given)
         else:
-            found = self.session.step(given)
-        if found is None:
+            state = self.session.step(given)
+        if state is None:
             return
         if dt == 0.0:
-            self._check_speed(found["vx"])
+            self._check_speed(state["vx"])
             for name in lacking(self.plant_map):
                 for wheel in WHEELS if name in BY_WHEEL else ():
                     outputs[OUTPUTS[f"{name}_{wheel}"][0]] = nan
                     if name == "travel":
                         outputs[OUTPUTS[f"travel_rate_{wheel}"][0]] = nan
-        self._complete(found)
-        self.last = found
-        for name, value in found.items():
+        self._complete(state)
+        self.last = state
+        for name, value in state.items():
             outputs[OUTPUTS[name][0]] = value
 
     def _given(self, inputs: Vector) -> dict[str, float]:
@@ -87,29 +87,29 @@ class FmuDrive:
                 f'{self.plant_map.path} (VARIABLE = "speed"), or give --speed'
             )
 
-    def _complete(self, found: dict[str, float]) -> None:
+    def _complete(self, state: dict[str, float]) -> None:
         """Add what the map does not have: rates as differences, motion that is none, verdicts."""
         step, last = 1e-3 * self.plant_map.step_ms, self.last
         for name in AT_REST:
-            found.setdefault(name, 0.0)
+            state.setdefault(name, 0.0)
         for rate, name in RATES.items():
-            if rate not in found and name in found:
-                found[rate] = (found[name] - last[name]) / step if last else 0.0
-        if "vy" not in found:
-            yaw = found["yaw"]
-            dx, dy = (found[name] - last[name] if last else 0.0 for name in ("x", "y"))
-            found["vy"] = (cos(yaw) * dy - sin(yaw) * dx) / step
-        if "ax" not in found:
-            change = (found["vx"] - last["vx"]) / step if last else 0.0
-            found["ax"] = change - found["yaw_rate"] * found["vy"]
+            if rate not in state and name in state:
+                state[rate] = (state[name] - last[name]) / step if last else 0.0
+        if "vy" not in state:
+            yaw = state["yaw"]
+            dx, dy = (state[name] - last[name] if last else 0.0 for name in ("x", "y"))
+            state["vy"] = (cos(yaw) * dy - sin(yaw) * dx) / step
+        if "ax" not in state:
+            change = (state["vx"] - last["vx"]) / step if last else 0.0
+            state["ax"] = change - state["yaw_rate"] * state["vy"]
         for name, other in SAME.items():
-            found.setdefault(name, found[other])
-        loads = [found.get(f"wheel_load_{wheel}", nan) for wheel in WHEELS]
-        if "two_wheel_lift" not in found and all(map(isfinite, loads)):
-            found["two_wheel_lift"] = float(max(loads[0::2]) <= 0.0 or max(loads[1::2]) <= 0.0)
-        found.setdefault("two_wheel_lift", nan)
-        if "rollover" not in found:
-            found["rollover"] = float(abs(found["roll"]) > ROLLOVER_ANGLE)
+            state.setdefault(name, state[other])
+        loads = [state.get(f"wheel_load_{wheel}", nan) for wheel in WHEELS]
+        if "two_wheel_lift" not in state and all(map(isfinite, loads)):
+            state["two_wheel_lift"] = float(max(loads[0::2]) <= 0.0 or max(loads[1::2]) <= 0.0)
+        state.setdefault("two_wheel_lift", nan)
+        if "rollover" not in state:
+            state["rollover"] = float(abs(state["roll"]) > ROLLOVER_ANGLE)
 
 
 _DRIVES: dict[int, FmuDrive] = {}
@@ -177,7 +177,7 @@ def read(name: str) -> Body:
     Without one the map is the file of the FMU's name that ends in .toml.
 
     Raises:
-        CanrollError: an FMU or a map that cannot be, or that do not fit.
+        CanrollError: an invalid FMU or map, or they do not fit each other.
     """
     model, _, other = name.partition("#")
     path = Path(model)

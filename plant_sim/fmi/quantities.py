@@ -66,12 +66,12 @@ DERIVED: dict[str, tuple[str, tuple[str, ...]]] = {
     "roll_moment_rear": ("N.m", _REAR),
     "roll_moment": ("N.m", (*_FRONT, *_REAR)),
 }
-"""Further inputs, made of those: unit, and the inputs that they stand for."""
+"""Further inputs, derived from those: unit, and the inputs that they stand for."""
 
 OUTPUTS = _exchanged(ports.OUTPUTS)
 """What the vehicle does: place in the vector of outputs, and unit."""
 REQUIRED = ("x", "y", "yaw", "vx", "ay", "yaw_rate", "roll")
-"""Outputs without which driver or sensors cannot be."""
+"""Outputs that driver and sensors require."""
 RATES = {
     **{name: name.replace("_rate", "") for name in OUTPUTS if "_rate" in name},
     **{name: name.replace("_acc", "_rate") for name in OUTPUTS if name.endswith("_acc")},

@@ -34,7 +34,7 @@ class FmuSession:
     def __init__(self, path: Path, fmu: Fmu, plant_map: PlantMap, speed: float) -> None:
         self._path, self._fmu, self._map = path, fmu, plant_map
         self._names = [wire.variable for wire in plant_map.inputs]
-        self._found = struct.Struct(f"<{len(plant_map.outputs)}d")
+        self._outputs_layout = struct.Struct(f"<{len(plant_map.outputs)}d")
         self._calls = 0
         self._values: tuple[float, ...] = ()
         self._coming: tuple[float, ...] = ()
@@ -92,7 +92,7 @@ class FmuSession:
         return wire.scale * (value / self._fmu.factors[wire.variable]) + wire.offset
 
     def _outputs(self) -> dict[str, float]:
-        found = {}
+        values = {}
         for wire, value in zip(self._map.outputs, self._values, strict=True):
             si = (wire.scale * value + wire.offset) * self._fmu.factors[wire.variable]
             if not isfinite(si):
@@ -100,8 +100,8 @@ class FmuSession:
                     f"{self._path}: {wire.variable} is {value} at {self._calls} ms: the FMU's "
                     "equations have failed"
                 )
-            found[wire.quantity] = si
-        return found
+            values[wire.quantity] = si
+        return values
 
     def _exchange(self, inputs: Mapping[str, float]) -> tuple[float, ...]:
         values = [
@@ -112,9 +112,9 @@ class FmuSession:
         status = self._read(1)
         if status == BAD:
             (size,) = LENGTH.unpack(self._read(LENGTH.size))
-            said = self._read(size).decode("utf-8", "replace")
-            raise CanrollError(f"{self._path}: the FMU failed at {self._calls} ms: {said}")
-        return self._found.unpack(self._read(self._found.size))
+            reason = self._read(size).decode("utf-8", "replace")
+            raise CanrollError(f"{self._path}: the FMU failed at {self._calls} ms: {reason}")
+        return self._outputs_layout.unpack(self._read(self._outputs_layout.size))
 
     def _write(self, data: bytes) -> None:
         assert self._process.stdin is not None

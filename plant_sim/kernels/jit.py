@@ -65,7 +65,7 @@ class _Locator(UserProvidedCacheLocator):  # type: ignore[misc]
         file = Path(self._py_file).resolve()
         if file.is_relative_to(SOURCES):
             return FOLDER.name
-        # of an extension: what it calls may stand in the files beside it
+        # of an extension: what it calls may stand in the files of its folder
         digest = hashlib.sha256(FOLDER.name.encode())
         for source in sorted(file.parent.glob("*.py")):
             digest.update(source.read_bytes())
@@ -255,8 +255,8 @@ class Linked:
         def address(typing_context: Any) -> Any:  # noqa: ANN401
             def lower(context: Any, builder: Any, _: Any, arguments: Any) -> Any:  # noqa: ANN401
                 kind = context.get_value_type(word)
-                found = builder.module.globals.get(name)
-                place = found or cgutils.add_global_variable(builder.module, kind, name)
+                existing = builder.module.globals.get(name)
+                place = existing or cgutils.add_global_variable(builder.module, kind, name)
                 return builder.load(place)
 
             return word(), lower

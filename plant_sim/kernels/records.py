@@ -56,7 +56,7 @@ def to_record(parts: Any) -> NDArray[Any]:  # noqa: ANN401
 def entry(kernel: Any, arguments: tuple[Any, ...]) -> Any:  # noqa: ANN401
     """Return the entry point of a kernel for these arguments and others of their layout.
 
-    Called by its name, a kernel types its arguments anew, which takes longer than a step.
+    Called by its name, a kernel types its arguments again, which takes longer than a step.
     """
     return kernel.compile(tuple(map(type_of, arguments)))
 

@@ -45,7 +45,7 @@ NO_COUNTER = -1
 """All bits of the echo are set, as long as no command has been accepted."""
 
 # Slots of Actuators.state: four channels each, then both axles each, then the hydraulics.
-# REPORTED is what the last ActuatorState said.
+# REPORTED is the value of the last ActuatorState.
 DEMAND, REFERENCE, ACTUAL, APPLIED = 0, 4, 8, 12
 DELIVERED, ESTIMATE, REPORTED = 16, 18, 20
 HYDRAULICS = 22
@@ -109,8 +109,8 @@ def receive(
         signal = row[FIRST_SIGNAL] + channel
         raw = codec.extract(tables, signal, payload)
         value = codec.physical(tables, signal, raw)
-        said = codec.valid(tables, signal, raw) and codec.agrees(tables, signal, payload)
-        node.state[DEMAND + channel] = value if said else 0.0
+        accepted = codec.valid(tables, signal, raw) and codec.agrees(tables, signal, payload)
+        node.state[DEMAND + channel] = value if accepted else 0.0
     node.flag[HELD] = 1
     node.flag[COUNTER] = e2e.counter_of(tables.protection[number], tables.terms[number], payload)
     node.flag[SOURCE] = which

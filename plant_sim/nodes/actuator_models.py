@@ -93,7 +93,7 @@ def settle(  # noqa: PLR0917
 ) -> None:
     """Follow ``target`` with the lag, unless a fault of corners ``first`` to ``last`` acts.
 
-    Of several faults the worst decides: stuck, no force, a force of its own.
+    Of several faults the worst decides: stuck, no force, uncommanded force.
     """
     state, lag = node.state, node.setting[LAG]
     status = STATUS_LIMITED if bound else STATUS_OK

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.kernels import schedule
 from plant_sim.kernels.schedule import ScheduledFault
-from plant_sim.nodes import actuator_kernel, codec, e2e, envelope, hydraulics
+from plant_sim.nodes import actuator_kernel, codec, codec_tables, e2e, envelope, hydraulics
 from plant_sim.nodes.actuator_kernel import ActuatorNode
 from vehicles.actuators import ACTUATORS, Actuator
 from vehicles.axles import axles
@@ -27,7 +27,7 @@ def command_signals(message: str) -> tuple[str, ...]:
         for name, signal, count in taken
         if name == message
     )
-    names = list(codec.signal_names(message))
+    names = list(codec_tables.signal_names(message))
     start = names.index(first)
     return tuple(names[start : start + channels])
 
@@ -195,7 +195,7 @@ def build(
     flag[actuator_kernel.TIMEOUT] = round(timeout_ms * 1e6)
     message = np.full((actuator_kernel.MESSAGES, 3), -1, dtype=np.int64)
     for row, (name, first, channels) in zip(message, actuator.commands, strict=False):
-        row[:] = codec.message_index(name), codec.signal_index(name, first), channels
+        row[:] = codec_tables.message_index(name), codec_tables.signal_index(name, first), channels
     fault, value = fault_tables(options.faults)
     return ActuatorNode(
         setting=np.concatenate(
@@ -212,7 +212,7 @@ def build(
         message=message,
         receiver=np.array([e2e.receiver_state(options.supervision)] * actuator_kernel.MESSAGES),
         report=np.array(
-            [codec.signal_index("ActuatorState", name) for name in _REPORT], dtype=np.int64
+            [codec_tables.signal_index("ActuatorState", name) for name in _REPORT], dtype=np.int64
         ),
         fault=fault,
         fault_value=value,
@@ -220,7 +220,7 @@ def build(
         envelope=envelope.build(
             actuator.arms(vehicle),
             actuator.most(vehicle),
-            tables or codec.load(),
+            tables or codec_tables.load(),
             options.supervision,
         ),
     )

@@ -35,7 +35,7 @@ class NodeAuthentication(NamedTuple):
     """Keys and freshness values of the plant's nodes.
 
     ``sent`` and ``heard`` (messages, 2): starts of the sender, and number of the next or last
-    frame. ``start_ns``: when the actuator node, the receiver here, starts anew.
+    frame. ``start_ns``: when the actuator node, the receiver here, restarts.
     """
 
     flag: NDArray[np.int64]
@@ -60,28 +60,28 @@ def _sbox() -> list[int]:
     for _ in range(254):
         powers.append(powers[-1] ^ _doubled(powers[-1]))
     inverse = {power: powers[-k % 255] for k, power in enumerate(powers)}
-    found = []
+    box = []
     for x in range(256):
         turned = inverse.get(x, 0)
         value = 0x63
         for _ in range(5):
             value ^= turned
             turned = (turned << 1 | turned >> 7) & 255
-        found.append(value)
-    return found
+        box.append(value)
+    return box
 
 
 def _round_keys(key: bytes, sbox: Sequence[int]) -> list[int]:
     """The bytes of all round keys."""
-    found, constant = list(key), 1
+    words, constant = list(key), 1
     for word in range(4, 44):
-        last = found[-4:]
+        last = words[-4:]
         if word % 4 == 0:
             last = [sbox[byte] for byte in (*last[1:], last[0])]
             last[0] ^= constant
             constant = _doubled(constant)
-        found += [old ^ new for old, new in zip(found[-16:-12], last, strict=True)]
-    return found
+        words += [old ^ new for old, new in zip(words[-16:-12], last, strict=True)]
+    return words
 
 
 def build(
@@ -97,7 +97,7 @@ def build(
     Args:
         rows: messages of the codec's tables.
         key: 16 bytes; None: the frames are not authenticated.
-        start_ns: when the actuator node starts anew.
+        start_ns: when the actuator node restarts.
         starts: number of this start of the senders.
         heard_starts: last known start of each message's sender, by default none.
     """
@@ -111,7 +111,7 @@ def build(
     heard[: len(heard_starts), STARTS] = heard_starts
     sent = np.zeros((rows, 2), np.int64)
     sent[:, STARTS] = starts - 1
-    its = NodeAuthentication(
+    node = NodeAuthentication(
         flag=flag,
         sbox=np.array(sbox, np.int64),
         round_key=np.array(_round_keys(key or bytes(16), sbox), np.int64),
@@ -122,12 +122,12 @@ def build(
         block=np.zeros(16, np.int64),
         mixed=np.zeros(16, np.int64),
     )
-    encrypt(its)
-    its.subkey[:] = its.block
-    carry = 0x87 if its.subkey[0] & 0x80 else 0
-    its.subkey[:-1] = its.subkey[:-1] << 1 & 255 | its.subkey[1:] >> 7
-    its.subkey[-1] = its.subkey[-1] << 1 & 255 ^ carry
-    return its
+    encrypt(node)
+    node.subkey[:] = node.block
+    carry = 0x87 if node.subkey[0] & 0x80 else 0
+    node.subkey[:-1] = node.subkey[:-1] << 1 & 255 | node.subkey[1:] >> 7
+    node.subkey[-1] = node.subkey[-1] << 1 & 255 ^ carry
+    return node
 
 
 @njit

@@ -89,32 +89,32 @@ def put(
     row: NDArray[np.int64],
     terms: NDArray[np.int64],
     crc: NDArray[np.int64],
-    its: Protection | None,
+    scheme: Protection | None,
 ) -> None:
     """Write one protection into its rows of the tables.
 
     Raises:
         CanrollError: its checksum takes in more than the tables have room for.
     """
-    if its is None:
+    if scheme is None:
         return
-    row[DATA_ID] = its.identity
+    row[DATA_ID] = scheme.identity
     rows: list[list[int]] = []
-    if its.counter is not None:
-        row[VALUES] = its.counter.values
-        row[[COUNTER, COUNTER + 1]] = 0, len(its.counter.place.pieces)
-        rows += _placed(its.counter.place)
+    if scheme.counter is not None:
+        row[VALUES] = scheme.counter.values
+        row[[COUNTER, COUNTER + 1]] = 0, len(scheme.counter.place.pieces)
+        rows += _placed(scheme.counter.place)
     row[CARRIED] = len(rows)
-    for field in its.carried:
-        rows += _placed(field.place, field.of(its.identity))
+    for field in scheme.carried:
+        rows += _placed(field.place, field.of(scheme.identity))
     row[CARRIED + 1] = len(rows)
-    if its.checksum is not None:
+    if scheme.checksum is not None:
         row[SUM] = len(rows)
-        rows += _placed(its.checksum.place)
+        rows += _placed(scheme.checksum.place)
         row[[SUM + 1, TERMS]] = len(rows)
-        _put_checksum(row, crc, its.checksum)
-        rows += _taken(its.checksum, len(rows))
-        row[TERMS + 1] = len(rows) - sum(map(len, its.checksum.lists))
+        _put_checksum(row, crc, scheme.checksum)
+        rows += _taken(scheme.checksum, len(rows))
+        row[TERMS + 1] = len(rows) - sum(map(len, scheme.checksum.lists))
     if len(rows) > MOST_TERMS:
         raise CanrollError(
             f"a checksum takes in {len(rows)} bytes and constants: the plant has room for "
@@ -131,12 +131,12 @@ def _placed(place: Place, value: int = 0) -> Iterable[list[int]]:
         yield [BYTE, piece.byte, mask, piece.bit, piece.signal_bit, 0, part]
 
 
-def _taken(its: Checksum, start: int) -> list[list[int]]:
+def _taken(method: Checksum, start: int) -> list[list[int]]:
     """Rows of what a checksum takes in, from row ``start`` on, and then those of its lists."""
-    count = sum(len(unit) for unit in its.units)
+    count = sum(len(unit) for unit in method.units)
     first = {}
     lists: list[list[int]] = []
-    for values in its.lists:
+    for values in method.lists:
         first[values] = start + count + len(lists)
         lists += [[CONSTANT, value, 0, 0, 0, 0, 0] for value in values]
 
@@ -144,23 +144,23 @@ def _taken(its: Checksum, start: int) -> list[list[int]]:
         at = first[bits.at] if isinstance(bits.at, tuple) else bits.at
         return [_SOURCES[bits.source], at, bits.mask, bits.shift, bits.left, int(last), 0]
 
-    rows = [row(bits, bits is unit[-1]) for unit in its.units for bits in unit]
+    rows = [row(bits, bits is unit[-1]) for unit in method.units for bits in unit]
     return rows + lists
 
 
-def _put_checksum(row: NDArray[np.int64], crc: NDArray[np.int64], its: Checksum) -> None:
-    row[[METHOD, WIDTH, UNIT]] = _METHODS[its.fold], its.width, its.unit
-    row[[MOST, PART]] = _signed((1 << its.width) - 1), (1 << its.unit) - 1
-    row[[START, FINAL]] = _signed(its.start), _signed(its.end)
-    row[[CARRY, NEGATE]] = its.carry, its.negate
-    if its.function is not None:
-        row[FUNCTION] = own_sums.address(its.function)
-    if its.fold == "crc":
-        row[[REGISTER, REFLECTED]] = its.register, its.reflect_in
-        row[KEPT] = (1 << its.register - 8) - 1
-        row[TURNED] = its.reflect_in != its.reflect_out
-        row[START] = _signed(its.first_register)
-        crc[:] = [_signed(entry) for entry in its.table]
+def _put_checksum(row: NDArray[np.int64], crc: NDArray[np.int64], method: Checksum) -> None:
+    row[[METHOD, WIDTH, UNIT]] = _METHODS[method.fold], method.width, method.unit
+    row[[MOST, PART]] = _signed((1 << method.width) - 1), (1 << method.unit) - 1
+    row[[START, FINAL]] = _signed(method.start), _signed(method.end)
+    row[[CARRY, NEGATE]] = method.carry, method.negate
+    if method.function is not None:
+        row[FUNCTION] = own_sums.address(method.function)
+    if method.fold == "crc":
+        row[[REGISTER, REFLECTED]] = method.register, method.reflect_in
+        row[KEPT] = (1 << method.register - 8) - 1
+        row[TURNED] = method.reflect_in != method.reflect_out
+        row[START] = _signed(method.first_register)
+        crc[:] = [_signed(entry) for entry in method.table]
 
 
 def _signed(value: int) -> int:
@@ -313,13 +313,13 @@ def intact(
     if row[VALUES] > 0 and counter_of(row, terms, payload) >= row[VALUES]:
         return False
     for k in range(row[CARRIED], row[CARRIED + 1]):
-        found = (int(payload[terms[k, AT]]) >> terms[k, SHIFT]) & terms[k, MASK]
-        if found != terms[k, VALUE]:
+        carried = (int(payload[terms[k, AT]]) >> terms[k, SHIFT]) & terms[k, MASK]
+        if carried != terms[k, VALUE]:
             return False
     if row[METHOD] == NO_CHECKSUM:
         return True
-    found = _number(terms, row[SUM], row[SUM + 1], payload)
-    return bool(found == checksum(row, terms, crc, payload))
+    carried = _number(terms, row[SUM], row[SUM + 1], payload)
+    return bool(carried == checksum(row, terms, crc, payload))
 
 
 @njit

@@ -1,6 +1,6 @@
-"""Safety envelope of the actuator node: it judges commands by the motion that it hears of itself.
+"""Safety envelope of the actuator node: rejects commands that contradict the measured motion.
 
-The node takes the lateral acceleration from the Imu's frames, with a receiver of its own. A command
+The node takes the lateral acceleration from the Imu's frames, with a separate receiver. A command
 that pushes the body outward for too long while the acceleration does not fall is not followed until
 it has stopped, nor is any once the acceleration has not been heard for long. Limits of moment and
 rate are the actuator's own (:func:`plant_sim.nodes.actuator_models.refer`).
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from canroll.typing import Vector
 from plant_sim.kernels.jit import njit
-from plant_sim.nodes import codec, e2e
+from plant_sim.nodes import codec, codec_tables, e2e
 from plant_sim.nodes.codec import Codec
 
 OUTWARD_SHARE = 0.2
@@ -55,7 +55,7 @@ def build(
     supervision: e2e.Supervision,
 ) -> Envelope:
     """Envelope that has heard nothing yet."""
-    signal = codec.signal_index("Imu", "LateralAcceleration")
+    signal = codec_tables.signal_index("Imu", "LateralAcceleration")
     message = int(tables.field[signal, codec.FRAME])
     row = tables.message[message]
     on_bus = bool(row[codec.LENGTH])

@@ -52,7 +52,7 @@ N_CHANNELS = 17
     N_COLUMNS,
 ) = range(19)
 # Columns of Sensors.node. The message of a node without channels is built elsewhere. SENSOR is the
-# row of the node that has the faults: a further frame of a message has a row of its own.
+# row of the node that has the faults: a further frame of a message has another row.
 (
     MESSAGE,
     FIRST_CHANNEL,
@@ -151,7 +151,7 @@ def _faulty(  # noqa: PLR0917
 ) -> float:
     """Apply the faults of a channel to its value; nan if the sensor reports failure."""
     last = sensors.channel[index, LAST]
-    found = value
+    measured = value
     for number in range(FAULTS):
         fault = sensors.fault[number]
         if fault[schedule.TARGET] < 0:
@@ -170,18 +170,18 @@ def _faulty(  # noqa: PLR0917
             return math.nan
         if kind == DELAY:
             late = min(int(amount), count)
-            found += sensors.history[number, (count - late) % HISTORY] - value
+            measured += sensors.history[number, (count - late) % HISTORY] - value
         elif kind == OFFSET:
-            found += share * amount
+            measured += share * amount
         elif kind == DRIFT_AWAY:
-            found += amount * (t_ns - fault[schedule.START]) * 1e-9
+            measured += amount * (t_ns - fault[schedule.START]) * 1e-9
         elif kind == SCALE:
-            found *= 1.0 + share * (amount - 1.0)
+            measured *= 1.0 + share * (amount - 1.0)
         elif kind == REVERSED:
-            found *= 1.0 - 2.0 * share
+            measured *= 1.0 - 2.0 * share
         elif kind == BURST:
-            found += share * amount * normal(seed, 2 * N_CHANNELS + number, count)
-    return found
+            measured += share * amount * normal(seed, 2 * N_CHANNELS + number, count)
+    return measured
 
 
 @njit

@@ -12,7 +12,7 @@ from plant_sim.can_bus.network import own_frames
 from plant_sim.kernels import schedule
 from plant_sim.kernels.instants import NEVER
 from plant_sim.kernels.schedule import ScheduledFault
-from plant_sim.nodes import codec, sensor_kernel
+from plant_sim.nodes import codec, codec_tables, sensor_kernel
 from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.imu_motion import N_MOTION
 from plant_sim.nodes.sensor_kernel import SensorTables
@@ -214,7 +214,7 @@ def _refuse_unsayable(fault: ScheduledFault, tables: Codec) -> None:
     message, _, signal = fault.where.partition(".")
     if not signal:
         return
-    row = tables.field[codec.signal_index(message, signal)]
+    row = tables.field[codec_tables.signal_index(message, signal)]
     if not row[codec.PIECES]:
         raise CanrollError(f"sensor fault of {fault.where}: the map has no such signal")
     unsaid = row[codec.RAW_ERROR] == codec.NO_ERROR_CODE and row[codec.VALIDITY] < 0
@@ -231,7 +231,7 @@ def fault_tables(
     """Rows of :mod:`plant_sim.kernels.schedule` and values of faults of the nodes ``node``.
 
     Raises:
-        CanrollError: too many, or one that cannot be on this bus.
+        CanrollError: too many, or one that is not possible on this bus.
         UnknownNameError: no such signal, message or kind.
     """
     if len(faults) > sensor_kernel.FAULTS:
@@ -268,13 +268,13 @@ def build(
     """Tables of all sensor nodes of ``vehicle``; the same seed gives the same sensors.
 
     ``tables`` are the bus's frames, by default those of the contract. A node whose message is not
-    on the bus, or shares the frame of another node, has no sampling instants of its own.
+    on the bus, or shares the frame of another node, has no separate sampling instants.
     """
     for message in options.phases:
         if message not in NODES:
             raise UnknownNameError("sensor message", message, NODES)
-    tables = tables or codec.load()
-    contract = codec.load()
+    tables = tables or codec_tables.load()
+    contract = codec_tables.load()
     draws = np.random.default_rng([seed, 1])
     data = _channels(vehicle)
     channels: list[NDArray[np.float64]] = []
@@ -286,7 +286,7 @@ def build(
     for number, (message, names) in enumerate(_SIGNALS):
         row = node[number]
         row[sensor_kernel.SENSOR] = number
-        index = codec.message_index(message)
+        index = codec_tables.message_index(message)
         own = int(contract.message[index, codec.CYCLE_MS]) * 1_000_000
         period = int(tables.message[index, codec.CYCLE_MS]) * 1_000_000 or own
         # the same share of the cycle on every bus
@@ -303,10 +303,10 @@ def build(
         )
         if not tables.message[index, codec.LENGTH] or tables.message[index, codec.LEADER] != index:
             row[sensor_kernel.NEXT] = NEVER
-        row[sensor_kernel.SAMPLE_SIGNAL] = codec.signal_index(message, "SampleCounter")
+        row[sensor_kernel.SAMPLE_SIGNAL] = codec_tables.signal_index(message, "SampleCounter")
         for name, member in zip(names, members, strict=True):
-            signals.append(codec.signal_index(message, name))
-            unit = codec.unit(message, name)
+            signals.append(codec_tables.signal_index(message, name))
+            unit = codec_tables.unit(message, name)
             carrier = tables.message[tables.field[signals[-1], codec.FRAME]]
             sampled = int(carrier[codec.CYCLE_MS]) * 1_000_000 or period
             channels.append(_channel(member, unit, sampled * 1e-9, options, draws))

@@ -120,7 +120,7 @@ class Archive:
 
 
 def _exactly(file: IO[bytes], count: int) -> bytes:
-    found = file.read(count)
-    if len(found) != count:
-        raise ValueError(f"{count - len(found)} bytes are missing")
-    return found
+    content = file.read(count)
+    if len(content) != count:
+        raise ValueError(f"{count - len(content)} bytes are missing")
+    return content

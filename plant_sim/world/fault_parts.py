@@ -13,7 +13,7 @@ from plant_sim.faults import Fault, kinds
 from plant_sim.faults.effects import power_losses
 from plant_sim.kernels import schedule
 from plant_sim.kernels.instants import NEVER
-from plant_sim.nodes import codec, sensor_kernel
+from plant_sim.nodes import codec, codec_tables, sensor_kernel
 from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.sensor_kernel import SensorTables
 from plant_sim.nodes.sensors import PER_UNIT
@@ -47,7 +47,7 @@ def outages(faults: Iterable[Fault]) -> tuple[tuple[int, int], ...]:
 
 
 def starts(faults: Iterable[Fault]) -> tuple[int, ...]:
-    """Return when the actuator node starts anew, ns."""
+    """Return when the actuator node restarts, ns."""
     return tuple(
         _ns(fault.end)
         for fault in power_losses(faults)
@@ -104,7 +104,7 @@ def _add(
 
 
 def _flood(network: can_bus.Network, node: int, fault: Fault) -> None:
-    """Let ``node`` fill the share ``fault.value`` of its segment with the highest priority."""
+    """Make ``node`` fill the share ``fault.value`` of its segment with the highest priority."""
     segment = network.segments[int(network.nodes["segment"][node])]
     period = FLOOD_BITS * 1e9 / int(segment["bitrate"]) / fault.value
     can_bus.add_source(
@@ -153,34 +153,34 @@ def frames(
         if kinds.PLACES[fault.where] == kinds.ATTACKER:
             message, _, signal = fault.where.removeprefix(kinds.ATTACKER_PREFIX).partition(".")
             if signal:
-                values[number] *= PER_UNIT[codec.unit(message, signal)]
+                values[number] *= PER_UNIT[codec_tables.unit(message, signal)]
             add_attackers(clock, network)
     return FrameFaults(rows, values, signals, clock)
 
 
 def _target(fault: Fault, tables: Codec, nodes: SensorTables) -> tuple[int, NDArray[np.int64]]:
     """Return the message of a fault of frames, and the rows of its signal and sample counter."""
-    found = np.full(2, -1, dtype=np.int64)
+    places = np.full(2, -1, dtype=np.int64)
     if fault.where == kinds.BUS:
-        return frame_kernel.EVERY_MESSAGE, found
+        return frame_kernel.EVERY_MESSAGE, places
     message, _, signal = fault.where.removeprefix(kinds.ATTACKER_PREFIX).partition(".")
-    row = codec.message_index(message)
+    row = codec_tables.message_index(message)
     if not tables.message[row, codec.LENGTH]:
         raise CanrollError(f"fault '{fault}': {message} is not on this bus")
     if signal:
-        found[0] = codec.signal_index(message, signal)
-        if not tables.field[found[0], codec.PIECES]:
+        places[0] = codec_tables.signal_index(message, signal)
+        if not tables.field[places[0], codec.PIECES]:
             raise CanrollError(f"fault '{fault}': the map has no such signal")
-        row = int(tables.field[found[0], codec.FRAME])
+        row = int(tables.field[places[0], codec.FRAME])
     sampled = nodes.node[nodes.node[:, sensor_kernel.MESSAGE] == row]
     if len(sampled):
         counter = int(sampled[0, sensor_kernel.SAMPLE_SIGNAL])
         here = tables.field[counter, codec.PIECES] and tables.field[counter, codec.FRAME] == row
-        found[1] = counter if here else -1
+        places[1] = counter if here else -1
     if fault.kind == "wrong_length" and fault.value > tables.message[row, codec.LENGTH]:
         length = int(tables.message[row, codec.LENGTH])
         raise CanrollError(f"fault '{fault}': {message} has {length} bytes: give fewer")
-    return row, found
+    return row, places
 
 
 def add_attackers(clock: NDArray[np.int64], network: can_bus.Network) -> None:

@@ -1,7 +1,7 @@
 """What happens to our frames between sender and receiver: faults of the bus, and attackers.
 
 A sender's frame may be handed over late, twice or out of order; a receiver's may be lost or
-damaged. An attacker waits for a genuine frame and answers it with one of its own, with the right
+damaged. An attacker waits for a genuine frame and answers it with a forged one, with the right
 checksum and the next counters, so that the next genuine frame looks repeated. It has no key: the
 MAC is that of the genuine frame.
 """
@@ -27,7 +27,7 @@ LATER_NS = 1_000_000
 """Delay of a duplicate behind the original."""
 CYCLES_LATE = 1.5
 SHORTEST_CYCLE_MS = 10
-"""A frame out of order is so many of its cycle times late, so that the next one overtakes it."""
+"""Delay of a reordered frame, in its cycle times: the next one overtakes it."""
 # Slots of Frames.clock.
 DRAWN, ATTACKER_AT_ECU, ATTACKER_AT_ACTUATOR, N_CLOCK = range(4)
 

@@ -95,10 +95,10 @@ class LinearPlant:
         indices.
         """
         b, rows = self.b @ excitation, list(outputs)
-        found = np.empty((len(rows), frequency.size), dtype=np.complex128)
+        gains = np.empty((len(rows), frequency.size), dtype=np.complex128)
         for i, s in enumerate(2j * np.pi * frequency):
-            found[:, i] = self.c[rows] @ np.linalg.solve(s * np.eye(len(b)) - self.a, b)
-        return found + (self.d[rows] @ excitation)[:, None]
+            gains[:, i] = self.c[rows] @ np.linalg.solve(s * np.eye(len(b)) - self.a, b)
+        return gains + (self.d[rows] @ excitation)[:, None]
 
 
 def find_trim(
@@ -145,15 +145,15 @@ def find_trim(
             rates = (_stepped(body, at, given, parameters) - at)[relevant] / STEP
             return np.append(rates, (outputs[ports.AY] - lateral, outputs[ports.VX] - speed))
 
-        found = _root(residual, unknown)
-        if found is None:
+        root = _root(residual, unknown)
+        if root is None:
             break
-        unknown = found
+        unknown = root
     at, given = apply(unknown)
     outputs = _measured(vehicle, body, at, given, parameters)
     straight = _measured(vehicle, body, state, inputs, parameters)
     lifted = (straight[_LOADS] > 0.0) & (outputs[_LOADS] == 0.0)
-    if found is None or lifted.any():
+    if root is None or lifted.any():
         raise CanrollError(
             f"{vehicle.name} ({body.name}) at {3.6 * speed:g} km/h and friction {friction:g}: no "
             f"steady curve of {abs(lateral_acceleration):g} m/s² on four wheels, lower it"
@@ -275,5 +275,5 @@ def _solve(matrix: Matrix, right: Vector) -> Vector:
     columns = np.abs(matrix / rows[:, None]).max(axis=0)
     columns[columns == 0.0] = 1.0
     scaled = matrix / rows[:, None] / columns
-    found: Vector = np.linalg.lstsq(scaled, right / rows, rcond=1e-12)[0] / columns
-    return found
+    solution: Vector = np.linalg.lstsq(scaled, right / rows, rcond=1e-12)[0] / columns
+    return solution

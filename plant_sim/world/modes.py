@@ -72,7 +72,7 @@ def modes(plant: LinearPlant) -> list[Mode]:
     participation = np.abs(right * np.linalg.pinv(right).T)
     participation /= participation.sum(axis=0)
     states = _states(plant)
-    found = []
+    motions = []
     for i in np.flatnonzero((poles.imag >= 0.0) & (np.abs(poles) > _AT_REST)):
         outputs = plant.c @ right[:, i]
         # rounded, so that of two equal shares the one named first is always taken
@@ -81,8 +81,8 @@ def modes(plant: LinearPlant) -> list[Mode]:
             for motion, at in states.items()
         ]
         most = sorted(shares, key=lambda item: -item[1])[:2]
-        found.append(Mode(tuple(most), complex(poles[i])))
-    return sorted(found, key=lambda mode: mode.frequency)
+        motions.append(Mode(tuple(most), complex(poles[i])))
+    return sorted(motions, key=lambda mode: mode.frequency)
 
 
 def _states(plant: LinearPlant) -> dict[str, list[int]]:

@@ -40,7 +40,7 @@ class Spool:
         self.extend(values.size, [values.reshape(-1)])
 
     def keep(self, values: NDArray[Any]) -> None:
-        """Append ``values`` themselves, which nobody changes any more.
+        """Append ``values`` without a copy; the caller must not change them afterwards.
 
         Raises:
             CanrollError: the temporary file cannot be written.
@@ -94,10 +94,10 @@ class Spool:
         if number < len(self._kept):
             return self._kept[number][first : first + count]
         assert self._file is not None
-        found = np.empty(count, self.dtype)
+        rows = np.empty(count, self.dtype)
         self._file.seek(self._places[number - len(self._kept)] + first * self.dtype.itemsize)
-        self._file.readinto(found.view(np.uint8))  # type: ignore[attr-defined]
-        return found
+        self._file.readinto(rows.view(np.uint8))  # type: ignore[attr-defined]
+        return rows
 
 
 class Rows:
@@ -144,8 +144,8 @@ class Rows:
         self, dtype: np.dtype[Any] | None = None, copy: bool | None = None
     ) -> NDArray[Any]:
         """Return all rows as one array."""
-        whole = np.concatenate([np.zeros(0, self.dtype), *self.blocks()])
-        return whole if dtype is None else whole.astype(dtype)
+        rows = np.concatenate([np.zeros(0, self.dtype), *self.blocks()])
+        return rows if dtype is None else rows.astype(dtype)
 
     def tobytes(self) -> bytes:
         """Return the bytes of all rows."""
@@ -165,7 +165,7 @@ class Columns(Mapping[str, NDArray[np.float64]]):
         self._others: dict[str, Columns] = {}
 
     def append(self, values: NDArray[np.float64]) -> None:
-        """Append a block that nobody changes any more: one row per signal."""
+        """Append a block without a copy, one row per signal; it must not change afterwards."""
         if values.shape[1]:
             self._spool.keep(values)
 
@@ -245,10 +245,10 @@ def with_signal(
     for part in parts:
         other.append(part[np.newaxis])
     # not copy(), which would read all of them
-    found = Columns(())
-    found._places, found._spool = signals._places, signals._spool
-    found._others = {**signals._others, name: other}
-    return found
+    columns = Columns(())
+    columns._places, columns._spool = signals._places, signals._spool
+    columns._others = {**signals._others, name: other}
+    return columns
 
 
 def pieces(

@@ -23,7 +23,8 @@ from plant_sim.kernels.jit import compiling, is_cached
 from plant_sim.kernels.records import entry, type_of
 from plant_sim.nodes import authentication
 from plant_sim.nodes.actuators import ActuatorOptions
-from plant_sim.nodes.codec import CYCLE_MS, IDENT, MAX_PAYLOAD, message_index
+from plant_sim.nodes.codec import CYCLE_MS, IDENT, MAX_PAYLOAD
+from plant_sim.nodes.codec_tables import message_index
 from plant_sim.nodes.sensors import SensorOptions
 from plant_sim.world import fault_parts, recording, world_parts
 from plant_sim.world.ecu_kernel import Connection, TickSpan, run
@@ -215,7 +216,7 @@ class World:
     ) -> None:
         """Run a native ECU for at most as many ticks as ``images`` has rows, in compiled code.
 
-        The time tells how many: at least one, unless the vehicle has rolled over.
+        The time determines the number: at least one, unless the vehicle has rolled over.
 
         Args:
             ecu: initialised; every frame that it sends has passed :meth:`check_frame`.
@@ -225,7 +226,7 @@ class World:
             run_time_ns: time from a tick to its frames.
         """
         if self._recorded is not None:
-            # fed anew before every tick, as recorded frames are queued in order with all others
+            # fed again before every tick, as recorded frames are queued in order with all others
             images = images[:1]
             self._recorded.feed(before_ns + period_ns)
         stop = self._drained + world_parts.LOG_CAPACITY // 2

@@ -247,9 +247,9 @@ def _deliver(world: LoopMemory, network: bus.State, commands: NDArray[np.int64])
         ):
             # a command of the ECU that somebody else has sent
             _hand_over(world, row, entry, entry.payload)
-        its = world.actuators.envelope
+        monitor = world.actuators.envelope
         if (
-            row == its.place[envelope.FRAME]
+            row == monitor.place[envelope.FRAME]
             and entry.segment == clock[ACTUATOR_SEGMENT]
             and bus.took(entry.outcome, entry.missed, bus.ACTUATOR)
             and bus.hears(network, bus.ACTUATOR, entry.t_received)
@@ -258,7 +258,7 @@ def _deliver(world: LoopMemory, network: bus.State, commands: NDArray[np.int64])
             if authentication.verify(
                 world.authentication, world.tables, row, entry.payload, entry.t_received
             ):
-                envelope.hear(its, world.tables, supervision, entry.payload, entry.t_received)
+                envelope.hear(monitor, world.tables, supervision, entry.payload, entry.t_received)
                 if _forged(world, entry):
                     clock[FORGED] += 1
         receiver = bus.ACTUATOR if role == FOR_ACTUATOR else bus.ECU
@@ -368,7 +368,7 @@ def advance(parts: Parts, until_ns: int) -> int:
     world, network = parts.memory[0], parts.network.state[0]
     rows, commands, driver = borrowed(parts.rows), borrowed(parts.commands), uncounted(parts.drive)
     clock = world.clock
-    # Views into the record: unlike arrays of their own they have no references to be counted.
+    # Views into the record: unlike separate arrays they have no references to be counted.
     inputs, outputs = world.inputs[:], world.outputs[:]
     state, parameters = world.state[: clock[STATES]], world.parameters[: clock[PARAMETERS]]
     step = step_at(clock[STEP])

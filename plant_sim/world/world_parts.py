@@ -17,7 +17,7 @@ from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.faults import Fault
 from plant_sim.kernels.records import to_record
 from plant_sim.nodes import actuators as actuator_setup
-from plant_sim.nodes import authentication, codec, sensor_kernel
+from plant_sim.nodes import authentication, codec, codec_tables, sensor_kernel
 from plant_sim.nodes import sensors as sensor_setup
 from plant_sim.nodes.actuators import ActuatorOptions
 from plant_sim.nodes.codec import Codec
@@ -68,9 +68,11 @@ def _roles(actuator: str, tables: Codec) -> NDArray[np.uint8]:
     """Receivers of each message of the tables; further frames are those of sensors."""
     roles = np.full(len(tables.message), kernel.NOBODY, dtype=np.uint8)
     roles[-own_frames.FURTHER_FRAMES :] = kernel.FOR_ECU
-    roles[[codec.message_index(name) for name in sensor_setup.NODES]] = kernel.FOR_ECU
-    roles[codec.message_index("Imu")] = kernel.FOR_ECU_IMU
-    commands = [codec.message_index(name) for name, _, _ in actuator_setup.COMMANDS[actuator]]
+    roles[[codec_tables.message_index(name) for name in sensor_setup.NODES]] = kernel.FOR_ECU
+    roles[codec_tables.message_index("Imu")] = kernel.FOR_ECU_IMU
+    commands = [
+        codec_tables.message_index(name) for name, _, _ in actuator_setup.COMMANDS[actuator]
+    ]
     roles[commands] = kernel.FOR_ACTUATOR
     return roles
 
@@ -79,12 +81,12 @@ def _tables(profile: can_bus.BusProfile, command: str, actuator: str) -> Codec:
     """The frames of the bus; those of a map must include every channel of the command."""
     bus = own_frames.bus_map(profile)
     if bus is None:
-        return codec.load()
-    tables = codec.of_map(bus, own_frames.frame_signals(profile))
+        return codec_tables.load()
+    tables = codec_tables.of_map(bus, own_frames.frame_signals(profile))
     for name, first, channels in actuator_setup.COMMANDS[actuator]:
-        row = codec.signal_index(name, first)
+        row = codec_tables.signal_index(name, first)
         if name == command and not tables.field[row : row + channels, codec.PIECES].all():
-            missing = codec.signal_names(name)
+            missing = codec_tables.signal_names(name)
             places = tables.field[row : row + channels, codec.PIECES]
             absent = missing[missing.index(first) + int(np.argmin(places))]
             raise CanrollError(f"{profile.map_file}: no signal is mapped to {absent} of {name}")

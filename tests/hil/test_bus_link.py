@@ -13,6 +13,7 @@ from canroll.cli.main import main
 from canroll.errors import CanrollError
 from hil import bus_link, own_bus
 from hil.bus_link import EXTENDED
+from hil.hardware.bus_options import explain
 from hil.lockstep import GRANT as NOTE
 
 
@@ -155,7 +156,7 @@ def test_what_an_interface_gives_back_like_frames_of_others_is_dropped_as_often_
     ],
 )
 def test_why_a_bus_does_not_open_is_one_line(error, mends):
-    line = bus_link.explain(error, options(interface="socketcan", channel="vcan0"))
+    line = explain(error, options(interface="socketcan", channel="vcan0"))
     assert mends in line
     assert "\n" not in line
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from canroll.cli.main import main
 from hil import bus_link, timing
-from hil.hardware import bus_record, error_frames, interfaces
+from hil.hardware import bus_options, bus_record, error_frames, interfaces
 from hil.hardware.bus_record import ENTRY, ERROR, SENT, BusRecord, RecordOrigin
 from plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE, length_of
 
@@ -32,12 +32,12 @@ def test_the_page_has_every_interface_as_the_program_says_it(name):
 @pytest.mark.parametrize("name", interfaces.INTERFACES)
 def test_the_options_of_the_page_are_those_of_python_can(name):
     parser = argparse.ArgumentParser()
-    bus_link.add_bus_arguments(parser)
+    bus_options.add_bus_arguments(parser)
     given = parser.parse_args(interfaces.INTERFACES[name].options.split())
-    found, channel, _, kwargs = bus_link.options_of(given)
+    found, channel, _, kwargs = bus_options.options_of(given)
     assert found == name
     assert channel
-    interfaces.arguments_for(*bus_link.options_of(given))
+    interfaces.arguments_for(*bus_options.options_of(given))
     assert set(kwargs) <= {"app_name", "host", "port"}
 
 
@@ -64,7 +64,7 @@ def test_an_adapter_that_is_not_there_is_one_line(bus, says, capsys):
 
 def test_a_serial_adapter_without_pyserial_says_what_to_install():
     error = can.CanInterfaceNotImplementedError("The serial module is not installed")
-    line = bus_link.explain(error, argparse.Namespace(interface="slcan", channel="/dev/ttyACM0"))
+    line = bus_options.explain(error, argparse.Namespace(interface="slcan", channel="/dev/ttyACM0"))
     assert "pip install 'python-can[serial]'" in line
 
 

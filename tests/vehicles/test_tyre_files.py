@@ -98,7 +98,7 @@ def test_a_car_based_on_one_has_its_tyres_or_others(load, tmp_path):
         ('file = "passenger_61.tir"\nfriction = 1.0', "tyre.friction follows from passenger_61"),
         ('file = "passenger_61.tir"\nradius = 0.3', "tyre.radius follows"),
         ('file = "passenger_61.tir"\nrelaxation_length = 0.3', "tyre.relaxation_length follows"),
-        ('file = "passenger_61.tir"\nvertical_stiffness = 2e5', "beside VERTICAL_STIFFNESS of"),
+        ('file = "passenger_61.tir"\nvertical_stiffness = 2e5', "and VERTICAL_STIFFNESS of"),
     ],
 )
 def test_keys_that_contradict_the_file_are_refused_in_one_line(load, tyre, message):

@@ -99,22 +99,22 @@ def response_bounds(
     queues = {s: [i for i, m in enumerate(messages) if m.sender == s] for s in fifo}
     waiting: dict[int, int | None] = {i: 0 for queue in queues.values() for i in queue}
     waiting |= dict.fromkeys(unlimited)
-    found: list[_Found] = []
+    intervals: list[_Interval] = []
     for _ in range(_MAX_ROUNDS):
         level = _Round(messages, waiting, bitrate, data_bitrate, errors, offsets)
-        found = [
+        intervals = [
             level.of_queue(i, queues[m.sender]) if m.sender in fifo else level.of(i)
             for i, m in enumerate(messages)
         ]
-        now = {i: level.waits(i, found[i]) for i in waiting}
+        now = {i: level.waits(i, intervals[i]) for i in waiting}
         if now == waiting:
             break
         waiting = now
     else:
-        found = [(None, 0)] * len(messages)
+        intervals = [(None, 0)] * len(messages)
     bounds = []
     for message, obstacle, (answer, instances) in zip(
-        messages, _obstacles(messages), found, strict=True
+        messages, _obstacles(messages), intervals, strict=True
     ):
         best = message.best_ns(bitrate, data_bitrate)
         if obstacle or answer is None:
@@ -124,7 +124,7 @@ def response_bounds(
     return bounds
 
 
-_Found = tuple[tuple[int, int] | None, int]
+_Interval = tuple[tuple[int, int] | None, int]
 """Bounds from the nominal release and from queueing, ns, None if unbounded; instances examined."""
 
 
@@ -150,16 +150,16 @@ class _Round:
         object.__setattr__(self, "own", own)
         object.__setattr__(self, "others", others)
 
-    def waits(self, place: int, found: _Found) -> int | None:
+    def waits(self, place: int, bound: _Interval) -> int | None:
         """Return the longest time from queueing to the start of transmission, ns, if bounded."""
-        return None if found[0] is None else found[0][1] - self.own[place].worst
+        return None if bound[0] is None else bound[0][1] - self.own[place].worst
 
-    def of(self, place: int) -> _Found:
+    def of(self, place: int) -> _Interval:
         """Return the bound of a message that takes part in arbitration as soon as it is queued."""
         level = self._level([place])
         return (None, 0) if level is None else _bound(self.own[place], level)
 
-    def of_queue(self, place: int, queue: Sequence[int]) -> _Found:
+    def of_queue(self, place: int, queue: Sequence[int]) -> _Interval:
         """Return the bound of a message in a FIFO queue, with the priority of its lowest one."""
         level = self._level(queue)
         return (None, 0) if level is None else _queue_bound(self.own[place], level)
@@ -218,7 +218,7 @@ class _Level:
         return busy
 
     def start(self, before: int, worst: int, least: int) -> int | None:
-        """Return the latest start of a frame behind blocking and ``before`` ns of its own level.
+        """Return the latest start of a frame behind blocking and ``before`` ns of its level.
 
         Args:
             before: transmission time of the frames sent before it, ns.
@@ -240,7 +240,7 @@ class _Level:
         return self._steps > 0
 
 
-def _bound(task: MessageDemand, level: _Level) -> _Found:
+def _bound(task: MessageDemand, level: _Level) -> _Interval:
     busy = None if level.overloaded else level.busy()
     if busy is None:
         return None, 0
@@ -257,7 +257,7 @@ def _bound(task: MessageDemand, level: _Level) -> _Found:
     return (worst, queued), instances
 
 
-def _queue_bound(task: MessageDemand, level: _Level) -> _Found:
+def _queue_bound(task: MessageDemand, level: _Level) -> _Interval:
     """Bound a message behind all frames of its queue that came no later.
 
     The queue is one level of priority, that of its least urgent message, served in order. The

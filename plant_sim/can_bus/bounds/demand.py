@@ -113,19 +113,19 @@ def with_offsets(tasks: Sequence[tuple[str, MessageDemand]]) -> list[Demand]:
     They cannot if a period of the node is not a whole number of nanoseconds, or if the hyperperiod
     has too many releases.
     """
-    found: list[Demand] = []
+    demands: list[Demand] = []
     nodes: dict[str, list[MessageDemand]] = {}
     for node, task in tasks:
         nodes.setdefault(node, []).append(task)
     for own in nodes.values():
-        whole = all(task.below == 1 for task in own)
-        span = lcm(*(task.above for task in own)) if whole else 0
+        integers = all(task.below == 1 for task in own)
+        span = lcm(*(task.above for task in own)) if integers else 0
         releases = sum(span // task.above for task in own)
-        if whole and len(own) > 1 and releases <= _MOST_RELEASES:
-            found.append(OffsetDemand(own))
+        if integers and len(own) > 1 and releases <= _MOST_RELEASES:
+            demands.append(OffsetDemand(own))
         else:
-            found += own
-    return found
+            demands += own
+    return demands
 
 
 def task_of(

@@ -46,8 +46,8 @@ def propose_priorities(messages: Sequence[BusMessage], bounds: Bounds) -> Propos
             trial = [m.ident for m in order]
             trial[place], trial[other] = trial[other], trial[place]
             swapped = [replace(m, ident=i) for m, i in zip(order, trial, strict=True)]
-            found = bounds(swapped, None)
-            if not late([found[other]]):
+            answers = bounds(swapped, None)
+            if not late([answers[other]]):
                 order = sorted(swapped, key=lambda m: m.arbitration_key)
                 break
         else:
@@ -57,11 +57,11 @@ def propose_priorities(messages: Sequence[BusMessage], bounds: Bounds) -> Propos
             )
     named = {m.name: m for m in order}
     changed = tuple(named[m.name] for m in messages)
-    found = bounds(changed, None)
-    if late(found):
-        names = ", ".join(late(found))
+    answers = bounds(changed, None)
+    if late(answers):
+        names = ", ".join(late(answers))
         raise VerdictError(f"no priorities found that meet all deadlines: {names} in FIFO queues")
-    return Proposal(changed, tuple(found))
+    return Proposal(changed, tuple(answers))
 
 
 def propose_offsets(messages: Sequence[BusMessage], bounds: Bounds) -> Proposal:

@@ -37,7 +37,7 @@ def effects(
         )
         for messages in (recorded, [*recorded, *added])
     )
-    found: list[Effect] = []
+    rows: list[Effect] = []
     for place, bound in enumerate(after):
         seen = bus.messages[place] if place < len(recorded) else None
         first = before[place] if seen else None
@@ -46,7 +46,7 @@ def effects(
             for m in bus.messages
             if m.assumed and m.message.arbitration_key <= bound.message.arbitration_key
         )
-        found.append(
+        rows.append(
             Effect(
                 bound.message,
                 seen,
@@ -55,7 +55,7 @@ def effects(
                 assumes,
             )
         )
-    return sorted(found, key=lambda effect: effect.message.arbitration_key)
+    return sorted(rows, key=lambda effect: effect.message.arbitration_key)
 
 
 def _checked(bound: ResponseBound, seen: InferredMessage | None) -> ResponseBound:

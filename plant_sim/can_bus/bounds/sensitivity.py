@@ -91,12 +91,12 @@ def error_tolerance(
     window = [m.due_ns + m.jitter_ns for m in messages]
     for count in range(_MOST_ERRORS):
         model = ErrorModel(_ALWAYS, count) if count else None
-        found = bounds(messages, model)
-        left = [i for i in left if not late([found[i]])]
+        answers = bounds(messages, model)
+        left = [i for i in left if not late([answers[i]])]
         for i in left:
             survived[i] = count
             # the last instance that was looked at is released so long after the busy period began
-            before = (found[i].instances - 1) * int(messages[i].period_ns)
+            before = (answers[i].instances - 1) * int(messages[i].period_ns)
             window[i] = max(window[i], messages[i].due_ns + max(before, 0))
         if not left:
             break

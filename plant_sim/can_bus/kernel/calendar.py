@@ -31,7 +31,7 @@ _WORD: Final = 32
 
 
 Column = NDArray[np.int64]
-"""Of a binary heap on plain arrays: (key, tie) ascending with a value beside each."""
+"""Of a binary heap on plain arrays: (key, tie) ascending, each with a value."""
 
 
 @njit
@@ -125,7 +125,7 @@ def _due(bus: State, t_ns: int, tie: int, value: int) -> None:
 
 @njit
 def _turn(bus: State) -> None:
-    """Advance to the next slot with a release, if there is one."""
+    """Advance to the next slot with a release, if any."""
     clock = bus.clock
     if clock[WAITING] == 0 and clock[DISTANT] == 0:
         return
@@ -154,7 +154,7 @@ def _turn(bus: State) -> None:
 
 @njit
 def _next_filled(bus: State, slot: int) -> int:
-    """Return the first non-empty slot from ``slot`` on; there is one."""
+    """Return the first non-empty slot from ``slot`` on; one must exist."""
     while True:
         bits = bus.ring_filled[(slot & _MASK) // _WORD] >> slot % _WORD
         if bits == 0:

@@ -148,7 +148,7 @@ def error_times(
     """Return when an error in wire bit ``position`` is seen, and when the bus is free again.
 
     The error flag is 6 bits; nodes that did not see the error see the flag break the stuffing
-    rule and answer with 6 of their own: 7 to 12 in all, by the equal bits that came before.
+    rule and answer with 6 more: 7 to 12 in all, by the equal bits that came before.
     """
     segment = bus.segments[which]
     bits = bus.scratch[0]

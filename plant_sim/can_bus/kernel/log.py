@@ -38,7 +38,7 @@ _DRAWN: Final = [
     ("samples", "i8"),
     ("drawn", "i8"),
 ]
-"""A time that is drawn anew for every frame, and how often it has been."""
+"""A time drawn for every frame, and the number of draws."""
 NODE: Final = np.dtype(
     [
         *_DRAWN,

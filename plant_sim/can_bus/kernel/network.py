@@ -54,7 +54,7 @@ class Node:
     ``policy`` of its transmit queue: ``priority`` (all frames compete), ``fifo`` (only the oldest
     does), ``replace`` (as priority; a newer frame of a message takes the place of a waiting one).
     ``drift_ppm`` stretches the periods of its sources; ``recovers``: rejoins after bus-off.
-    ``jitter``: its frames are queued so much later than they are handed over, in their order.
+    ``jitter``: delay between handing over and queueing of its frames, in their order.
     """
 
     name: str

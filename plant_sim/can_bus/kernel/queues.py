@@ -157,8 +157,8 @@ def message_of(bus: State, node: int, ident: int, flags: int) -> int:
     while table[place] >= 0:
         known = bus.messages[table[place]]
         if known.key == key and known.node == node:
-            found: int = table[place]
-            return found
+            registered: int = table[place]
+            return registered
         place = place + 1 & mask
     number: int = bus.clock[MESSAGES]
     if number >= MAX_MESSAGES:

@@ -167,7 +167,7 @@ def next_end_ns(bus: State) -> int:
 
 @njit
 def let_pass(bus: State, until_ns: int) -> None:
-    """Let time pass up to ``until_ns``, with no event before."""
+    """Advance the time to ``until_ns``; no event is due before."""
     clock = bus.clock
     clock[NOW] = max(clock[NOW], until_ns)
     for index in range(clock[SEGMENT_COUNT]):
@@ -276,15 +276,15 @@ def _start(bus: State, which: int, slot: int, twin: int, now: int) -> None:
     # a division costs as much as stuffing the frame: most bit times are whole nanoseconds
     if segment.bit_ns > 0:
         taken = (nominal - RECEPTION_BITS_BEFORE_END) * segment.bit_ns
-        whole = nominal * segment.bit_ns
+        nominal_ns = nominal * segment.bit_ns
     else:
         taken = duration_ns(nominal - RECEPTION_BITS_BEFORE_END, segment.bitrate)
-        whole = duration_ns(nominal, segment.bitrate)
+        nominal_ns = duration_ns(nominal, segment.bitrate)
     segment.in_flight = slot
     segment.twin = twin
     segment.start_ns = now
     segment.done_ns = now + fast + taken + segment.propagation_ns
-    segment.end_ns = now + fast + whole
+    segment.end_ns = now + fast + nominal_ns
     segment.disturbance = NO_ERROR
     segment.missed = -1
     segment.transmissions += 1

@@ -116,7 +116,7 @@ def read_profile(name: str) -> BusProfile:
     """Return the network that the TOML file ``name`` describes.
 
     Raises:
-        CanrollError: the file cannot be read, or a key says something that cannot be.
+        CanrollError: the file cannot be read, or a key has an invalid value.
     """
     path = Path(name)
     try:
@@ -198,12 +198,12 @@ def _several(table: Mapping[str, Any], path: Path) -> Topology:
     if not names:
         raise CanrollError(f"{path}: [segment] is empty: a network has a [segment.NAME]")
     segments = tuple(
-        _segment(path, f"{path} [segment.{name}]", name, found)
-        for name, found in table["segment"].items()
+        _segment(path, f"{path} [segment.{name}]", name, entry)
+        for name, entry in table["segment"].items()
     )
     gateways = tuple(
-        _gateway(path, number, found, names)
-        for number, found in enumerate(table.get("gateway", []), 1)
+        _gateway(path, number, entry, names)
+        for number, entry in enumerate(table.get("gateway", []), 1)
     )
     if len({gateway.name for gateway in gateways}) < len(gateways):
         raise CanrollError(f"{path}: two gateways have one name")
@@ -258,7 +258,7 @@ def _number(where: str, names: Sequence[str], name: object) -> int:
 
 
 def _jitter(table: Mapping[str, Any], path: Path) -> dict[str, TimeSpread]:
-    found = {}
+    jitter = {}
     for name, node in table.get("node", {}).items():
         where = f"{path} [node.{name}]"
         if name not in NODES:
@@ -267,8 +267,8 @@ def _jitter(table: Mapping[str, Any], path: Path) -> dict[str, TimeSpread]:
             raise CanrollError(f"{where}: a node is a table [node.NAME]")
         _check_keys(where, node, _OF_A_NODE)
         if "jitter_ms" in node:
-            found[name] = _spread(node["jitter_ms"], path, f"{where}: jitter_ms", at_least=0.0)
-    return found
+            jitter[name] = _spread(node["jitter_ms"], path, f"{where}: jitter_ms", at_least=0.0)
+    return jitter
 
 
 def _spread(given: object, path: Path, where: str, *, at_least: float | None) -> TimeSpread:
@@ -296,20 +296,20 @@ def _samples(path: Path, where: str) -> tuple[int, ...]:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise CanrollError(f"{where}: cannot read {path}: {reason(error)}") from error
-    found: list[int] = []
+    samples: list[int] = []
     for number, line in enumerate(lines, 1):
         text = line.partition("#")[0].replace(";", ",").partition(",")[0].strip()
         try:
             time = float(text)
         except ValueError as error:
-            if not text or (number == 1 and not found):
+            if not text or (number == 1 and not samples):
                 continue
             raise CanrollError(f"{path}:{number}: {text!r} is not a time in ms") from error
         check_times(f"{path}:{number}", time, time)
-        found.append(round(time * MS))
-    if not found:
+        samples.append(round(time * MS))
+    if not samples:
         raise CanrollError(f"{path}: contains no time")
-    return tuple(found)
+    return tuple(samples)
 
 
 def _descriptions(path: Path, table: Mapping[str, Any]) -> Files | None:
@@ -328,7 +328,7 @@ def _beside(path: Path, table: Mapping[str, Any], key: str) -> Path | None:
 
 def _there(path: Path, key: str, text: str) -> Path:
     name, mark, part = text.partition("#")
-    found = path.parent / name
-    if not found.is_file():
+    file = path.parent / name
+    if not file.is_file():
         raise CanrollError(f"{path}: {key} = '{text}': no such file")
-    return Path(f"{found}{mark}{part}")
+    return Path(f"{file}{mark}{part}")

@@ -29,7 +29,7 @@ def network_spec(
     Args:
         network: with all messages that gateways may pass on.
         nodes: those with a number or a queue that matters.
-        sources: those of its messages that the network sends by itself; None: all.
+        sources: those of its messages that the network itself sends; None: all.
         seed: of payloads, jitter, latencies and bit errors.
     """
     topology, routed = network.topology, network.messages

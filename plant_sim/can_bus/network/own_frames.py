@@ -143,8 +143,8 @@ def messages_of(profile: BusProfile) -> tuple[BusMessage, ...]:
     if bus is not None:
         placed = {contract_names(box.slot).message for box in bus.frames}
         commands = [name for name in commands if name in placed]
-    found = {m.ident: m for name in commands for m in own_messages(name, profile)}
-    return tuple(found.values())
+    messages = {m.ident: m for name in commands for m in own_messages(name, profile)}
+    return tuple(messages.values())
 
 
 def own_messages(
@@ -187,7 +187,7 @@ def _contract() -> tuple[BusMessage, ...]:
 
 
 def measurement_messages(profile: BusProfile, taken: Collection[int]) -> list[BusMessage]:
-    """Return the frames of measurements by XCP, each as a message of its own.
+    """Return the frames of measurements by XCP, each as a separate message.
 
     On the bus they have one identifier and follow each other; here they have free ones from it on,
     which gives all others the same bounds. ``taken`` are identifiers in use.
@@ -234,12 +234,12 @@ def _own_name(box: Mailbox) -> str:
 def _placed(contract: tuple[BusMessage, ...], command: str, bus: BusMap) -> tuple[BusMessage, ...]:
     """The contract's messages in the frames of ``bus``."""
     known = {message.name: message for message in contract}
-    found: dict[int, BusMessage] = {}
+    placed: dict[int, BusMessage] = {}
     for box in bus.frames:
         plain = known.get(contract_names(box.slot).message)
-        if plain is None or box.ident in found:
+        if plain is None or box.ident in placed:
             continue
-        found[box.ident] = BusMessage(
+        placed[box.ident] = BusMessage(
             _own_name(box),
             box.ident & (EXTENDED_IDENT - 1),
             box.sent_length,
@@ -249,7 +249,7 @@ def _placed(contract: tuple[BusMessage, ...], command: str, bus: BusMap) -> tupl
             jitter_ns=plain.jitter_ns,
             flags=flags_of(box),
         )
-    messages = tuple(found.values())
+    messages = tuple(placed.values())
     if command not in {message.name for message in messages}:
         raise CanrollError(
             f"the map places no {command}, which commands these actuators: add its table under "

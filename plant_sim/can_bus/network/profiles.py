@@ -48,7 +48,7 @@ def routed_messages(
 
     Raises:
         CanrollError: a message does not get to its receivers, or an identifier is there twice; a
-            load that cannot be.
+            invalid load.
     """
     topology = profile.network
     own = own_messages(command, profile)

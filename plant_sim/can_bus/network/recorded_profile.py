@@ -33,10 +33,10 @@ class RecordedProfile(BusProfile):
         known = {m.message.arbitration_key: m for m in self.bus.messages}
         for message in missing_from(self.bus, own):
             if message.arbitration_key in known:
-                found = known[message.arbitration_key].message
+                inferred = known[message.arbitration_key].message
                 raise CanrollError(
                     f"{self.name}: identifier 0x{message.ident:X} is on that bus already"
-                    f" ({found.length} bytes every {found.period_ns * 1e-6:.4g} ms):"
+                    f" ({inferred.length} bytes every {inferred.period_ns * 1e-6:.4g} ms):"
                     f" {message.name} cannot have it"
                 )
         taken = {m.arbitration_key for m in own}

@@ -116,7 +116,7 @@ def route(
     Raises:
         CanrollError: no gateway passes on a message that a receiver needs; a message would come
             back to a segment that it has been on; an identifier is on a segment twice.
-        UnknownNameError: a gateway lists a message that there is not.
+        UnknownNameError: a gateway lists an unknown message.
     """
     others = [(segment, m) for segment, messages in enumerate(background) for m in messages]
     messages = [*known, *own, *(m for _, m in others)]
@@ -130,7 +130,7 @@ def route(
 
 
 _Key = tuple[int, str]
-"""What tells messages apart that gateways may list: arbitration key and name."""
+"""Identity of a message that gateways may list: arbitration key and name."""
 
 
 def _key(message: BusMessage) -> _Key:
@@ -143,7 +143,7 @@ def _listed(
     """What a gateway lists; None: it lists nothing."""
     if gateway.messages is None:
         return None
-    found: set[_Key] = set()
+    keys: set[_Key] = set()
     for entry in gateway.messages:
         meant = {
             _key(m)
@@ -156,8 +156,8 @@ def _listed(
             if isinstance(entry, str):
                 raise UnknownNameError(what, entry, sorted(set(names)))
             raise CanrollError(f"{what}: no message of the network has identifier 0x{entry:X}")
-        found |= meant
-    return frozenset(found)
+        keys |= meant
+    return frozenset(keys)
 
 
 def _own_way(
@@ -194,7 +194,7 @@ def _flooded(
     for number, gateway in enumerate(topology.gateways):
         if passes[number] and number not in used and reached.issuperset(gateway.segments):
             raise CanrollError(
-                f"gateway '{gateway.name}': {message.name} comes back by it to a segment that it "
+                f"gateway '{gateway.name}': {message.name} returns by it to a segment that it "
                 "has been on: take it out of the messages of one gateway"
             )
     return RoutedMessage(message, home, hops)
@@ -217,14 +217,14 @@ def _breadth_first(topology: Topology, home: int, passes: Sequence[bool]) -> Ite
 
 
 def _check_identifiers(topology: Topology, routed: Sequence[RoutedMessage], own: int) -> None:
-    """Refuse two messages of one identifier on a segment, unless both are background of its own."""
+    """Refuse two messages of one identifier on a segment, unless both are its background."""
     for segment, place in enumerate(topology.segments):
         seen: dict[int, tuple[str, bool]] = {}
-        for number, found in enumerate(routed):
-            if segment not in found.segments:
+        for number, route in enumerate(routed):
+            if segment not in route.segments:
                 continue
-            message = found.message
-            comes = number < own or found.home != segment
+            message = route.message
+            comes = number < own or route.home != segment
             other, came = seen.setdefault(message.arbitration_key, (message.name, comes))
             if other != message.name and (comes or came):
                 raise CanrollError(

@@ -140,7 +140,7 @@ class Hub:
         """Remove a port; its queued frames are still sent. Return True if it was the last."""
         with self._lock:
             if port in self.ports:
-                # a node that is off takes no more into its queue: let in what is on its way
+                # a node that is off takes no more into its queue: accept what is on its way
                 advance(self.network, max(self.now_ns(), int(self._clock[NOW])))
                 self._distribute()
                 self.ports.remove(port)

@@ -73,14 +73,14 @@ class SharedSimBus(can.BusABC):
             None if join_timeout is None else float(join_timeout),
         )
         try:
-            said = read_line(self._connection)
+            answer = read_line(self._connection)
         except OSError as error:
             raise can.CanInitializationError(
                 f"simbus_shared {channel}: not all programs have joined: {error}"
             ) from error
-        if "error" in said:
-            raise can.CanInitializationError(f"simbus_shared {channel}: {said['error']}")
-        self._node = int(said["node"])
+        if "error" in answer:
+            raise can.CanInitializationError(f"simbus_shared {channel}: {answer['error']}")
+        self._node = int(answer["node"])
         self._connection.settimeout(None)
         self.channel_info = f"simbus_shared {channel}, node '{node}'"
         self._can_protocol = can.CanProtocol.CAN_FD if self._fd else can.CanProtocol.CAN_20
@@ -171,7 +171,7 @@ class SharedSimBus(can.BusABC):
                 self._connection = None
 
 
-def _join(channel: str, said: dict[str, Any], timeout: float | None) -> socket.socket:
+def _join(channel: str, request: dict[str, Any], timeout: float | None) -> socket.socket:
     """Connect to the server, which may still be starting, and join."""
     host, _, port = channel.rpartition(":")
     if not host or not port.isdigit():
@@ -186,5 +186,5 @@ def _join(channel: str, said: dict[str, Any], timeout: float | None) -> socket.s
             time.sleep(_RETRY_S)
             continue
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        send_line(connection, said)
+        send_line(connection, request)
         return connection

@@ -50,9 +50,9 @@ class Reply(NamedTuple):
     frames: list[PortFrame]
 
 
-def send_line(connection: socket.socket, said: dict[str, Any]) -> None:
+def send_line(connection: socket.socket, content: dict[str, Any]) -> None:
     """Send one JSON object."""
-    connection.sendall(json.dumps(said).encode() + b"\n")
+    connection.sendall(json.dumps(content).encode() + b"\n")
 
 
 def read_line(connection: socket.socket) -> dict[str, Any]:
@@ -68,12 +68,12 @@ def read_line(connection: socket.socket) -> dict[str, Any]:
             raise ConnectionError("no answer")
         line += byte
     try:
-        found = json.loads(line)
+        content = json.loads(line)
     except ValueError as error:
         raise ConnectionError("not a program of a shared bus") from error
-    if not isinstance(found, dict):
+    if not isinstance(content, dict):
         raise ConnectionError("not a program of a shared bus")
-    return found
+    return content
 
 
 def send_question(connection: socket.socket, question: Question) -> None:

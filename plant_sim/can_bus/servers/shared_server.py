@@ -103,22 +103,22 @@ class SharedBus:
 
     def _gather(self) -> None:
         """Wait for all programs, and add their nodes in the order of their names."""
-        found: dict[str, _Program] = {}
-        while len(found) < self._expected:
+        joined: dict[str, _Program] = {}
+        while len(joined) < self._expected:
             connection, _ = self._listener.accept()
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             try:
                 options = read_line(connection)
                 name = str(options["name"])
-                if name in found:
+                if name in joined:
                     send_line(connection, {"error": f"a program '{name}' is on the bus already"})
                     connection.close()
                     continue
             except (ConnectionError, KeyError, OSError):
                 connection.close()
                 continue
-            found[name] = _Program(name, connection, options)
-        self._programs = [found[name] for name in sorted(found)]
+            joined[name] = _Program(name, connection, options)
+        self._programs = [joined[name] for name in sorted(joined)]
         for program in self._programs:
             program.port = self._hub.open_port(
                 receive_own=bool(program.options.get("receive_own")),

@@ -74,13 +74,13 @@ _SETTINGS: Final[dict[str, Callable[[Any], Any]]] = {
 
 
 def _settings(given: dict[str, Any]) -> dict[str, Any]:
-    found = {}
+    settings = {}
     for key, understand in _SETTINGS.items():
         try:
-            found[key] = None if given[key] is None else understand(given[key])
+            settings[key] = None if given[key] is None else understand(given[key])
         except (TypeError, ValueError) as error:
             raise can.CanInitializationError(f"simbus: {key}={given[key]!r}: a number") from error
-    return found
+    return settings
 
 
 def _open_hub(channel: str, settings: dict[str, Any]) -> Hub:

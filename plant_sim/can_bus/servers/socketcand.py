@@ -34,7 +34,7 @@ class ClientFrame(NamedTuple):
 
 
 class ProtocolError(Exception):
-    """A client said something that is not in the protocol."""
+    """A client violated the protocol."""
 
 
 def parse_frame(words: list[str]) -> tuple[int, int, int, bytes]:

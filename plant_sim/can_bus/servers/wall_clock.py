@@ -31,7 +31,7 @@ def serve_network(
         network: at time 0; every client becomes a node on it.
         host: address to listen on.
         port: 0 takes a free one.
-        announce: told once how to connect.
+        announce: called once with how to connect.
         duration_s: stop after this time; None: only on KeyboardInterrupt.
 
     Returns:

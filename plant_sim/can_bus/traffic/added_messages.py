@@ -13,7 +13,7 @@ def missing_from(bus: InferredBus, messages: Sequence[BusMessage]) -> list[BusMe
     """Return those of ``messages`` that are not already on the recorded bus.
 
     A message is on it if the log has a periodic message with its identifier, length and period. In
-    a log with most of ``messages``, which is one of their own, so is one of the same length that is
+    a log with most of ``messages``, which is one of them, so is one of the same length that is
     sent no more often: on events, or by its heartbeat alone. Any other message with its identifier
     collides with it.
     """
@@ -24,17 +24,17 @@ def missing_from(bus: InferredBus, messages: Sequence[BusMessage]) -> list[BusMe
     return [m for m in missing if not _no_more_often(known.get(m.arbitration_key), m, bus.span_ns)]
 
 
-def _same(found: InferredMessage | None, message: BusMessage) -> bool:
-    if found is None or found.message.length != message.length:
+def _same(inferred: InferredMessage | None, message: BusMessage) -> bool:
+    if inferred is None or inferred.message.length != message.length:
         return False
-    off = abs(found.arrivals.cycle - message.period_ns)
+    off = abs(inferred.arrivals.cycle - message.period_ns)
     return off <= _SAME_PERIOD * message.period_ns
 
 
-def _no_more_often(found: InferredMessage | None, message: BusMessage, span_ns: int) -> bool:
-    if found is None or found.message.length != message.length:
+def _no_more_often(inferred: InferredMessage | None, message: BusMessage, span_ns: int) -> bool:
+    if inferred is None or inferred.message.length != message.length:
         return False
-    return found.arrivals.frames * message.period_ns <= (1 + _SAME_PERIOD) * span_ns
+    return inferred.arrivals.frames * message.period_ns <= (1 + _SAME_PERIOD) * span_ns
 
 
 def joined(bus: InferredBus, messages: Sequence[BusMessage]) -> list[BusMessage]:

@@ -6,7 +6,7 @@ A DBC, KCD, ARXML or SYM file is read by cantools; of a file with several buses 
 A TOML file has ``bitrate`` and tables ``[[message]]`` with ``name``, ``id``, ``bytes`` (or
 ``bits``, the frame length with interframe space) and ``period_ms``; optional ``jitter_ms``,
 ``offset_ms``, ``node``, ``extended``, ``fd``, ``bit_rate_switch``, ``fifo`` and ``deadline_ms``
-(default: the period); beside ``bitrate`` optionally ``data_bitrate``.
+(default: the period); with ``bitrate`` optionally ``data_bitrate``.
 """
 
 from collections import Counter
@@ -133,8 +133,8 @@ def _from_database(path: Path, chosen: str, period_ms: float | None) -> Traffic:
     switched = any(m.flags & BIT_RATE_SWITCH for m in messages)
     data_bitrate = (bus and bus.fd_baudrate) or attribute(database, "BaudrateCANFD")
     try:
-        for found in messages:
-            check_frame(found.ident, found.length, found.flags)
+        for listed in messages:
+            check_frame(listed.ident, listed.length, listed.flags)
     except CanrollError as error:
         raise CanrollError(f"{path}: {error}") from error
     if long:
@@ -226,7 +226,7 @@ def _toml_message(path: Path, place: int, row: dict[str, Any]) -> BusMessage:
             )
         return float(value)
 
-    def whole(key: str, default: int = 0) -> int:
+    def integer_of(key: str, default: int = 0) -> int:
         value = row.get(key, default)
         if type(value) is not int or value < 0:
             raise CanrollError(f"{where}: {key} = {value!r}: must be an integer of at least 0")
@@ -239,14 +239,14 @@ def _toml_message(path: Path, place: int, row: dict[str, Any]) -> BusMessage:
     )
     message = BusMessage(
         name=str(row["name"]),
-        ident=whole("id"),
-        length=whole("bytes"),
+        ident=integer_of("id"),
+        length=integer_of("bytes"),
         period_ns=number("period_ms", 1e-3) * MS,
         sender=str(row.get("node", "Node")),
         jitter_ns=round(number("jitter_ms", 0.0) * MS),
         offset_ns=round(number("offset_ms", 0.0) * MS),
         flags=flags,
-        bits=whole("bits"),
+        bits=integer_of("bits"),
         fifo=bool(row.get("fifo", False)),
         deadline_ns=round(number("deadline_ms", 0.0) * MS),
     )

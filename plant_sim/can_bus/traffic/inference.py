@@ -143,13 +143,13 @@ def infer_channel(
     kinds = logged.flags & (EXTENDED | REMOTE)
     keys = (logged.ident << 2 | kinds)[times.order]
     queued = times.start.copy()
-    found = []
+    inferred = []
     for key in np.unique(keys):
         chosen = np.flatnonzero(keys == key)
         message = _message(logged, times, chosen)
-        found.append(message)
+        inferred.append(message)
         queued[chosen] = _releases(message, times.start[chosen] - times.start[0])
-    found.sort(key=lambda m: m.message.arbitration_key)
+    inferred.sort(key=lambda m: m.message.arbitration_key)
     order = np.argsort(queued, kind="stable")
     rows = times.order[order]
     frames = RecordedFrames(
@@ -163,7 +163,7 @@ def infer_channel(
     return InferredBus(
         channel=logged.channel,
         rate=rate,
-        messages=tuple(found),
+        messages=tuple(inferred),
         recording=Recording(frames, logged.channel, round(duration, 6)),
         errors=len(logged.errors_ns),
         span_ns=int(times.end[-1] - times.start[0]),
@@ -172,12 +172,12 @@ def infer_channel(
     )
 
 
-def _releases(found: InferredMessage, start: NDArray[np.int64]) -> NDArray[np.int64]:
+def _releases(inferred: InferredMessage, start: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the queueing times of frames with these starts, within the jitter, ns."""
-    if found.assumed:
+    if inferred.assumed:
         return start
-    nominal = found.arrivals.offset + _place(found.arrivals, start) * found.arrivals.period
-    latest = np.floor(nominal + found.arrivals.jitter).astype(np.int64)
+    nominal = inferred.arrivals.offset + _place(inferred.arrivals, start) * inferred.arrivals.period
+    latest = np.floor(nominal + inferred.arrivals.jitter).astype(np.int64)
     return np.maximum(np.minimum(start, latest), 0)
 
 

@@ -94,7 +94,7 @@ def read_log(
         raise CanrollError(f"{path}: not a readable bus log: {error}") from error
     except OSError as error:
         raise CanrollError(f"{path}: not a readable bus log: {reason(error)}") from error
-    except Exception as error:  # a reader of python-can lets through whatever its parser raises
+    except Exception as error:  # a reader of python-can passes on any error of its parser
         raise CanrollError(f"{path}: not a readable bus log: damaged") from error
     if not channels:
         raise CanrollError("; ".join([f"{path}: contains no frame", *remarks.texts()]))

@@ -32,8 +32,8 @@ def loop_of(bus: InferredBus, leave_out: Collection[int] = ()) -> LoopedFrames:
     span = bus.span_ns
     kept = ~np.isin(keys, list(leave_out))
     again = kept.copy()
-    for found in bus.messages:
-        message = found.message
+    for inferred in bus.messages:
+        message = inferred.message
         own = np.flatnonzero(keys == message.arbitration_key)
         since = frames.t_ns[own] + span - frames.t_ns[own[-1]]
         again[own[since < message.period_ns + message.jitter_ns]] = False

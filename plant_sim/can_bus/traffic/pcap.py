@@ -130,8 +130,8 @@ class PcapngWriter(BinaryIOMessageWriter):
 def _options_of(values: dict[int, bytes]) -> bytes:
     """Return options, each padded to 32 bits, and their end."""
     head = Struct("<HH")
-    found = (head.pack(k, len(v)) + v + bytes(-len(v) % 4) for k, v in values.items())
-    return b"".join(found) + head.pack(0, 0)
+    options = (head.pack(k, len(v)) + v + bytes(-len(v) % 4) for k, v in values.items())
+    return b"".join(options) + head.pack(0, 0)
 
 
 class CaptureReader(BinaryIOMessageReader):
@@ -156,10 +156,10 @@ class CaptureReader(BinaryIOMessageReader):
             raise CanrollError("truncated within a frame") from broken
 
 
-def _check_link_type(found: int) -> None:
-    if found != LINK_TYPE:
+def _check_link_type(link_type: int) -> None:
+    if link_type != LINK_TYPE:
         raise CanrollError(
-            f"a capture of link type {found}: only {LINK_TYPE} (SocketCAN) is supported"
+            f"a capture of link type {link_type}: only {LINK_TYPE} (SocketCAN) is supported"
         )
 
 

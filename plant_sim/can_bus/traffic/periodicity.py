@@ -81,15 +81,15 @@ def _filled(grid: Grid, times: NDArray[np.int64], cuts: NDArray[np.int64]) -> fl
 def _candidates(times: NDArray[np.int64]) -> list[float]:
     """Return mean and median distance, and the commonest of frames 1, 2 and 3 apart, ns."""
     steps = np.diff(times)
-    found = [float(steps.mean()), float(np.median(steps))]
+    periods = [float(steps.mean()), float(np.median(steps))]
     for apart in (1, 2, 3):
         if len(times) > apart:
             distances = np.sort(times[apart:] - times[:-apart])
             high = np.searchsorted(distances, distances * 1.05, "right")
             low = np.searchsorted(distances, distances * 0.95, "left")
             best = int(np.argmax(high - low))
-            found.append(float(distances[low[best] : high[best]].mean()))
-    return [period for period in dict.fromkeys(found) if period > 0.0]
+            periods.append(float(distances[low[best] : high[best]].mean()))
+    return [period for period in dict.fromkeys(periods) if period > 0.0]
 
 
 def _follow(times: NDArray[np.int64], period: float, first: int) -> Grid:

@@ -9,12 +9,12 @@ from canroll.attacks.attacker import Ear, Heard
 from codegen.generated.bus_map import load
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
 from plant_sim.faults import parse
-from plant_sim.nodes import authentication, codec, e2e
+from plant_sim.nodes import authentication, codec, codec_tables, e2e
 from plant_sim.nodes.actuators import COMMANDS
 
 COMMAND = "AntiRollBarCommand"
-SECURED = codec.of_map(load(dbc.SECURED_PATH, dbc.SECURED_MAP))
-PLAIN = codec.load()
+SECURED = codec_tables.of_map(load(dbc.SECURED_PATH, dbc.SECURED_MAP))
+PLAIN = codec_tables.load()
 KEY = bytes(range(16))
 
 
@@ -24,7 +24,7 @@ def ear_of(tables):
 
 def heard(ear, message, count=5, auth=None, payload=None):
     """Let the attacker hear a genuine frame."""
-    row = codec.message_index(message)
+    row = codec_tables.message_index(message)
     frame = np.zeros(codec.MAX_PAYLOAD, np.uint8)
     if payload is not None:
         frame[: len(payload)] = payload
@@ -55,10 +55,10 @@ def test_a_spoofed_frame_is_right_in_all_but_the_mac(tables):
     (forged,) = sent(kinds.spoof("Imu", {"LateralAcceleration": 6.0}), ear)
     assert intact(ear, forged)
     assert (forged.length, forged.flags) == (genuine.length, genuine.flags)
-    at = codec.signal_index("Imu", "LateralAcceleration")
+    at = codec_tables.signal_index("Imu", "LateralAcceleration")
     assert codec.extract(tables, at, forged.payload) == round(6.0 / 0.00125)
     assert forged.payload[1] & 15 == 6
-    counter = codec.signal_index("Imu", "SampleCounter")
+    counter = codec_tables.signal_index("Imu", "SampleCounter")
     assert codec.extract(tables, counter, forged.payload) == 1
     if tables is SECURED:
         assert forged.payload[9:12].tolist() == [0, 0, 1]
@@ -103,7 +103,7 @@ def test_a_disguise_has_the_bytes_of_another_message():
     heard(ear, "Imu", payload=[0, 0, 7, 7, 7, 7, 7, 7])
     heard(ear, COMMAND)
     (forged,) = sent(kinds.disguise(COMMAND), ear)
-    assert forged.row == codec.message_index(COMMAND)
+    assert forged.row == codec_tables.message_index(COMMAND)
     assert forged.payload[2:7].tolist() == [7] * 5
     assert intact(ear, forged)
 

@@ -11,7 +11,7 @@ from canroll.attacks.kinds import Attack
 from canroll.cases.execution import Cases, Execution
 from canroll.errors import CanrollError
 from canroll.runs.experiment import drive, plan, world_options
-from plant_sim.nodes import authentication, codec
+from plant_sim.nodes import authentication, codec_tables
 
 LANE_CHANGE = "double_lane_change"
 SECURED = pytest.mark.parametrize("loop", ["secured_fd"], indirect=True)
@@ -54,7 +54,7 @@ def test_one_attack_alone_is_its_row_of_the_suite():
 def test_an_attacker_with_the_key_gets_through(loop):
     """The suite tells an accepted frame: of one who has the key."""
     settings = loop[0]
-    row = codec.message_index("Imu")
+    row = codec_tables.message_index("Imu")
     keys = []
 
     def forge(ear: Ear):

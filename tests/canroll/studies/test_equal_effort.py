@@ -14,15 +14,8 @@ from canroll.errors import CanrollError
 from canroll.runs.experiment import drive, plan
 from canroll.studies import equal_effort
 from canroll.studies.effort import FIGURES, BudgetError, EffortRun, at_budget, at_rest
-from canroll.studies.equal_effort import (
-    EffortComparison,
-    EffortEntry,
-    EffortRow,
-    compare,
-    half_upright,
-    paired,
-    table,
-)
+from canroll.studies.effort_rows import EffortEntry, EffortRow
+from canroll.studies.equal_effort import EffortComparison, compare, half_upright, paired, table
 from canroll.studies.variation import DEFAULT_SPREAD
 
 

@@ -14,7 +14,7 @@ from canroll.errors import CanrollError, UnknownNameError
 from firmware import calibration as fw
 from plant_sim.bodies import ports
 from plant_sim.kernels.schedule import ScheduledFault
-from plant_sim.nodes import actuator_kernel, actuator_models, codec, hydraulics
+from plant_sim.nodes import actuator_kernel, actuator_models, codec, codec_tables, hydraulics
 from plant_sim.nodes import actuators as actuator_setup
 from plant_sim.nodes.actuators import ActuatorOptions
 from vehicles.actuators import ACTUATORS
@@ -60,9 +60,9 @@ class Rig:
         word = (int.from_bytes(data, "little") ^ flip) & (1 << 64) - 1
         payload = np.frombuffer(word.to_bytes(8, "little"), np.uint8)
         self.counter = (self.counter + 1) % 15
-        which = actuator_kernel.listens(self.node, codec.message_index(message))
+        which = actuator_kernel.listens(self.node, codec_tables.message_index(message))
         assert which >= 0
-        return actuator_kernel.receive(self.node, codec.load(), which, payload, self.t)
+        return actuator_kernel.receive(self.node, codec_tables.load(), which, payload, self.t)
 
     def run(self, ms, each=None):
         trace = []
@@ -86,8 +86,8 @@ class Rig:
     @property
     def report(self):
         payload = np.zeros(codec.MAX_PAYLOAD, np.uint8)
-        message = codec.message_index("ActuatorState")
-        actuator_kernel.report(self.node, codec.load(), message, payload, False)
+        message = codec_tables.message_index("ActuatorState")
+        actuator_kernel.report(self.node, codec_tables.load(), message, payload, False)
         data = payload[:8].tobytes()
         return dbc.load().get_message_by_name("ActuatorState").decode(data, decode_choices=False)
 

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 import dbc
 from codegen.generated.bus_map import load
-from plant_sim.nodes import authentication, codec
+from plant_sim.nodes import authentication, codec_tables
 
 KEY = bytes(range(200, 216))
-TABLES = codec.of_map(load(dbc.SECURED_PATH, dbc.SECURED_MAP))
-IMU = codec.message_index("Imu")
-COMMAND = codec.message_index("AntiRollBarCommand")
+TABLES = codec_tables.of_map(load(dbc.SECURED_PATH, dbc.SECURED_MAP))
+IMU = codec_tables.message_index("Imu")
+COMMAND = codec_tables.message_index("AntiRollBarCommand")
 LATER = 10**9
 """A time at which the nodes take frames."""
 

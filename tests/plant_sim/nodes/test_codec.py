@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 import dbc
 from canroll.errors import UnknownNameError
-from plant_sim.nodes import codec
+from plant_sim.nodes import codec, codec_tables
 
-TABLES = codec.load()
+TABLES = codec_tables.load()
 MESSAGES = dbc.load().messages
 
 
@@ -34,7 +34,7 @@ def raw_messages(draw):
         if signal.is_multiplexer:
             raw[signal.name] = page
         elif not signal.multiplexer_ids or page in signal.multiplexer_ids:
-            row = TABLES.field[codec.signal_index(message.name, signal.name)]
+            row = TABLES.field[codec_tables.signal_index(message.name, signal.name)]
             raw[signal.name] = draw(
                 st.integers(int(row[codec.RAW_MIN]), int(row[codec.RAW_MAX]))
                 | st.sampled_from([int(row[codec.RAW_MIN]), int(row[codec.RAW_MAX])])
@@ -47,9 +47,9 @@ def raw_messages(draw):
 def test_encode_and_decode_agree_with_cantools(case):
     message, raw = case
     expected = message.encode(raw, scaling=False)
-    index = codec.message_index(message.name)
+    index = codec_tables.message_index(message.name)
     physical = message.decode(expected, decode_choices=False)
-    names = codec.signal_names(message.name)
+    names = codec_tables.signal_names(message.name)
     values = np.array([float(physical.get(name, math.nan)) for name in names])
     payload = empty()
     codec.encode(TABLES, index, values, payload)
@@ -68,7 +68,7 @@ def test_encode_and_decode_agree_with_cantools(case):
 @given(st.floats(-1e4, 1e4), st.sampled_from(["RollRate", "LateralAcceleration", "YawRate"]))
 def test_rounds_to_nearest_and_clips_to_the_range_of_the_dbc(value, name):
     signal = dbc.load().get_message_by_name("Imu").get_signal_by_name(name)
-    row = codec.signal_index("Imu", name)
+    row = codec_tables.signal_index("Imu", name)
     raw = codec.raw_value(TABLES, row, value)
     kept = min(max(value, signal.minimum), signal.maximum)
     assert abs(raw * signal.scale - kept) <= signal.scale / 2 * (1 + 1e-9)
@@ -78,14 +78,14 @@ def test_rounds_to_nearest_and_clips_to_the_range_of_the_dbc(value, name):
 @pytest.mark.parametrize("steps", [0.4, 0.6, 1.0, 1e6])
 def test_what_is_out_of_range_never_becomes_an_error_code(steps):
     signal = dbc.load().get_message_by_name("Imu").get_signal_by_name("RollRate")
-    row = codec.signal_index("Imu", "RollRate")
+    row = codec_tables.signal_index("Imu", "RollRate")
     top = int(TABLES.field[row, codec.RAW_MAX])
     assert codec.raw_value(TABLES, row, signal.maximum + steps * signal.scale) == top
     assert codec.raw_value(TABLES, row, signal.minimum - steps * signal.scale) == -top
 
 
 def test_not_a_number_is_sent_as_the_error_code():
-    row = codec.signal_index("Imu", "RollRate")
+    row = codec_tables.signal_index("Imu", "RollRate")
     raw = codec.raw_value(TABLES, row, math.nan)
     signal = dbc.load().get_message_by_name("Imu").get_signal_by_name("RollRate")
     assert str(signal.choices[raw]) == "Error"
@@ -93,7 +93,7 @@ def test_not_a_number_is_sent_as_the_error_code():
 
 
 def test_insert_leaves_every_other_bit_alone():
-    row = codec.signal_index("SuspensionForceCommand", "ForceFrontRight")
+    row = codec_tables.signal_index("SuspensionForceCommand", "ForceFrontRight")
     payload = np.full(codec.MAX_PAYLOAD, 255, np.uint8)
     codec.insert(TABLES, row, payload, 5)
     assert codec.extract(TABLES, row, payload) == 5
@@ -111,6 +111,6 @@ def test_tables_hold_every_message_of_the_dbc():
 
 def test_unknown_names_suggest_the_nearest():
     with pytest.raises(UnknownNameError, match="did you mean 'Imu'"):
-        codec.message_index("Imus")
+        codec_tables.message_index("Imus")
     with pytest.raises(UnknownNameError, match="RollRate"):
-        codec.signal_index("Imu", "RollRat")
+        codec_tables.signal_index("Imu", "RollRat")

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from plant_sim.nodes import codec, e2e, envelope
+from plant_sim.nodes import codec, codec_tables, e2e, envelope
 from plant_sim.nodes.actuators import ActuatorOptions, build
 from plant_sim.nodes.envelope import ACCELERATION, ACTED, HEARD_NS, NEVER, SLOW
 from vehicles import load
 
-TABLES = codec.load()
+TABLES = codec_tables.load()
 MOST = 2000.0
 OUTWARD = envelope.OUTWARD_SHARE * MOST
 ARMS = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
 MS = 1_000_000
-IMU = codec.message_index("Imu")
+IMU = codec_tables.message_index("Imu")
 
 
 def fresh(acceleration=None):
@@ -25,7 +25,9 @@ def fresh(acceleration=None):
 
 def frame(count, acceleration):
     payload = np.zeros(codec.MAX_PAYLOAD, np.uint8)
-    values = dict.fromkeys(codec.signal_names("Imu"), 0.0) | {"LateralAcceleration": acceleration}
+    values = dict.fromkeys(codec_tables.signal_names("Imu"), 0.0) | {
+        "LateralAcceleration": acceleration
+    }
     codec.encode(TABLES, IMU, np.array(list(values.values())), payload)
     e2e.protect(TABLES.protection[IMU], TABLES.terms[IMU], TABLES.crc[IMU], count, payload)
     return payload

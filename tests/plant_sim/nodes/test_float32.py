@@ -10,7 +10,7 @@ from support import float_bus
 
 from codegen.generated import bus_map
 from dbc import read
-from plant_sim.nodes import codec, float32
+from plant_sim.nodes import codec, codec_tables, float32
 
 LARGEST = float(np.finfo(np.float32).max)
 REALS = ("RollRate", "LateralAcceleration", "YawRate")
@@ -54,14 +54,17 @@ def test_a_number_has_the_bits_of_the_nearest(value):
 def bus(tmp_path_factory):
     paths = float_bus.write(tmp_path_factory.mktemp("float"))
     database, _ = read(paths[0])
-    return codec.of_map(bus_map.load(*paths)), database
+    return codec_tables.of_map(bus_map.load(*paths)), database
 
 
 @settings(deadline=None)
 @given(data=st.binary(min_size=8, max_size=8), name=st.sampled_from(REALS))
 def test_a_frame_is_read_and_written_as_by_cantools(bus, data, name):
     tables, database = bus
-    message, row = database.get_message_by_name(FRAMES[name]), codec.signal_index("Imu", name)
+    message, row = (
+        database.get_message_by_name(FRAMES[name]),
+        codec_tables.signal_index("Imu", name),
+    )
     expected = next(v for k, v in message.decode(data).items() if k.endswith(name))
     payload = np.zeros(codec.MAX_PAYLOAD, np.uint8)
     payload[:8] = list(data)
@@ -84,7 +87,7 @@ def test_a_frame_is_read_and_written_as_by_cantools(bus, data, name):
 
 def test_what_is_not_available_is_not_a_number(bus):
     tables, database = bus
-    row = codec.signal_index("Imu", "RollRate")
+    row = codec_tables.signal_index("Imu", "RollRate")
     payload = np.zeros(codec.MAX_PAYLOAD, np.uint8)
     codec.insert(tables, row, payload, codec.raw_value(tables, row, math.nan))
     decoded = database.get_message_by_name("GYRO_01").decode(payload[:8].tobytes())
@@ -94,6 +97,6 @@ def test_what_is_not_available_is_not_a_number(bus):
 @pytest.mark.parametrize("value", [1e300, -1e300, math.inf])
 def test_values_out_of_range_are_clipped(bus, value):
     tables, _ = bus
-    row = codec.signal_index("Imu", "YawRate")
+    row = codec_tables.signal_index("Imu", "YawRate")
     found = float32.number_of(codec.raw_value(tables, row, value))
     assert found == math.copysign(LARGEST, value)

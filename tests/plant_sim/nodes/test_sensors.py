@@ -13,7 +13,7 @@ from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.bodies import ports
 from plant_sim.kernels.instants import NEVER
 from plant_sim.kernels.schedule import ScheduledFault
-from plant_sim.nodes import codec, sensor_kernel
+from plant_sim.nodes import codec, codec_tables, sensor_kernel
 from plant_sim.nodes import sensors as sensor_setup
 from plant_sim.nodes.sensors import SensorOptions
 
@@ -56,8 +56,8 @@ def read(nodes, t_ns, node=IMU, now_ns=None):
 def sent(nodes, node, t_ns, now_ns, seed):
     """Return the frame of a sample."""
     payload = np.zeros(codec.MAX_PAYLOAD, np.uint8)
-    sensor_kernel.sample(nodes, codec.load(), node, t_ns, now_ns, seed, payload)
-    sensor_kernel.finish(nodes, codec.load(), node, payload)
+    sensor_kernel.sample(nodes, codec_tables.load(), node, t_ns, now_ns, seed, payload)
+    sensor_kernel.finish(nodes, codec_tables.load(), node, payload)
     return payload[:8].tobytes()
 
 

@@ -95,7 +95,7 @@ OTHER = message("Engine", 0xA0)
         (
             listed(((0, 1), ("Imu",)), ((1, 2), ("Imu",)), ((2, 0), ("Imu",))),
             [],
-            "gateway 'g2': Imu comes back by it",
+            "gateway 'g2': Imu returns by it",
         ),
         (listed(((0, 1), ("Imu",))), [OTHER], "segment 'x': Imu and Engine both have"),
         (listed(((1, 0), None)), [OTHER], "segment 'x': Imu and Engine both have"),
