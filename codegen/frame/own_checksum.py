@@ -20,7 +20,6 @@ from canroll.errors import CanrollError, UnknownNameError, reason
 from codegen.c99.emit import Emitter
 from codegen.proof.prove import prove
 from codegen.subset import rules
-from codegen.subset.effects import writers
 from codegen.subset.parse import load
 from codegen.subset.program import PACKAGE, RUNTIME, Module, SubsetError, Type, copy_sources
 
@@ -147,7 +146,7 @@ def _proved(path: Path, source: str, name: str, where: str) -> OwnChecksum:
         (folder / f"{ENTRY}.py").write_text(text, encoding="utf-8")
         program = load(ENTRY, folder, shown)
     rules.check(program)
-    if alone.functions[name].key in writers(program):
+    if alone.functions[name].key in program.writers:
         raise SubsetError(path, alone.functions[name].node, f"{name} must not change the frame")
     for finding in prove(program, bounded=module).findings:
         rule = f"not proved: {finding.what}: [{finding.lo}, {finding.hi}]"

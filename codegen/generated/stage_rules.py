@@ -5,15 +5,24 @@ its loops end after a proved number of iterations.
 """
 
 import ast
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 from codegen.generated.own_stage import NAME, STATE
+from codegen.operations.intervals import Value
+from codegen.operations.table import Access
 from codegen.proof.interpreter import UNROLLED
-from codegen.proof.intervals import Value
 from codegen.proof.prove import Proof
-from codegen.subset.effects import stored, writers
 from codegen.subset.parse import load
-from codegen.subset.program import Function, Module, Program, RecordField, SubsetError, evaluate
+from codegen.subset.program import (
+    Constant,
+    Function,
+    Member,
+    Parameter,
+    Program,
+    SubsetError,
+    evaluate,
+)
+from codegen.subset.resolve import stored
 
 ESTIMATE = "x"
 """The field of the loop that a stage may change."""
@@ -24,16 +33,17 @@ def check(program: Program, proof: Proof) -> None:
     if NAME not in program.modules:
         return
     module = program.modules[NAME]
-    fields = program.record(STATE).fields
-    own = set(fields) - set(load("state").record(STATE).fields)
+    own = set(program.record(STATE).fields) - set(load("state").record(STATE).fields)
     for function in module.functions.values():
         for place in _foreign_stores(program, function, own):
             rule = f"a stage stores in its own fields and in ecu.{ESTIMATE} only"
             raise SubsetError(module.path, place, rule)
         for node in ast.walk(function.node):
-            if _volatile(function, node, fields):
-                rule = f"an interrupt writes {ast.unparse(node)}: use the inputs, such as roll_rate"
-                raise SubsetError(module.path, node, rule)
+            match program.refs.get(node):
+                case Member(owner, record, field) if record == STATE and field.volatile:
+                    name = f"{owner}.{field.name}"
+                    rule = f"an interrupt writes {name}: use the inputs, such as roll_rate"
+                    raise SubsetError(module.path, node, rule)
             if isinstance(node, ast.For):
                 _refuse_long(program, function, node, proof)
             if isinstance(node, ast.Compare):
@@ -44,44 +54,24 @@ def check(program: Program, proof: Proof) -> None:
         raise SubsetError(where, finding.line, rule)  # type: ignore[arg-type]
 
 
-def _foreign_stores(program: Program, function: Function, own: set[str]) -> Iterator[ast.expr]:
+def _foreign_stores(program: Program, function: Function, own: set[str]) -> Iterator[ast.AST]:
     """Writes of a function to the loop's state outside the stage's fields."""
-    written = writers(program)
-    module = program.modules[function.module]
-    for target in stored(program, function, written):
-        base = target
-        while isinstance(base, ast.Subscript):
-            base = base.value
-        if isinstance(base, ast.Attribute) and base.attr not in {*own, ESTIMATE}:
+    for target in stored(program, ast.walk(function.node)):
+        ref = program.refs.get(target)
+        if isinstance(ref, Member) and ref.field.name not in {*own, ESTIMATE}:
             yield target
-    for node in ast.walk(function.node):
+    for node, called in program.references(function):
         if not isinstance(node, ast.Call):
             continue
-        called = program.function(module, node.func)
         for k, argument in enumerate(node.args):
-            if isinstance(argument, ast.Name) and _is_record(function, argument.id):
-                if called is None:
-                    if program.intrinsic(module, node.func) == "clear":
+            given = program.refs.get(argument)
+            if isinstance(given, Parameter) and given.type.record == STATE:
+                match called:
+                    case Access(writes=True):
                         yield node
-                elif called.module != NAME:
-                    parameters = list(called.parameters)
-                    if k < len(parameters) and parameters[k] in written.get(called.key, ()):
-                        yield node
-
-
-def _is_record(function: Function, name: str) -> bool:
-    its = function.parameters.get(name)
-    return its is not None and its.record == STATE
-
-
-def _volatile(function: Function, node: ast.AST, fields: Mapping[str, RecordField]) -> bool:
-    return (
-        isinstance(node, ast.Attribute)
-        and isinstance(node.value, ast.Name)
-        and _is_record(function, node.value.id)
-        and node.attr in fields
-        and fields[node.attr].volatile
-    )
+                    case Function() if called.module != NAME:
+                        if list(called.parameters)[k] in program.writers.get(called.key, ()):
+                            yield node
 
 
 def _refuse_unscaled(program: Program, function: Function, node: ast.Compare) -> None:
@@ -96,8 +86,9 @@ def _refuse_unscaled(program: Program, function: Function, node: ast.Compare) ->
     module = program.modules[function.module]
     for pair in pairs:
         for side, other in (pair, pair[::-1]):
-            field = _field(program, function, side)
-            if field is not None and field.q and _bare(module, other, field.q):
+            ref = program.refs.get(side)
+            field = ref.field if isinstance(ref, Member) else None
+            if field is not None and field.q and _bare(program, other, field.q):
                 value, unit = ast.unparse(other), f" {field.unit}" if field.unit else ""
                 rule = (
                     f"{ast.unparse(side)} has {field.q} fractional bits: {value}{unit} is "
@@ -106,7 +97,7 @@ def _refuse_unscaled(program: Program, function: Function, node: ast.Compare) ->
                 raise SubsetError(module.path, node, rule)
 
 
-def _bare(module: Module, node: ast.expr, q: int) -> bool:
+def _bare(program: Program, node: ast.expr, q: int) -> bool:
     """Whether a number lacks ``q`` fractional bits: a literal, or a small constant of the stage.
 
     A constant is taken as scaled from 2^(q/2) on: in a field of 20 bits, from a thousandth of the
@@ -115,31 +106,17 @@ def _bare(module: Module, node: ast.expr, q: int) -> bool:
     literal = node.operand if isinstance(node, ast.UnaryOp) else node
     if isinstance(literal, ast.Constant):
         return literal.value != 0
-    constant = module.constants.get(literal.id) if isinstance(literal, ast.Name) else None
-    return (
-        constant is not None
-        and isinstance(constant.value, int)
-        and 0 < abs(constant.value) < 1 << (q // 2)
-    )
-
-
-def _field(program: Program, function: Function, node: ast.expr) -> RecordField | None:
-    """Return the field of a record that ``node`` reads, or an element of."""
-    while isinstance(node, ast.Subscript):
-        node = node.value
-    if not isinstance(node, ast.Attribute) or not isinstance(node.value, ast.Name):
-        return None
-    given = function.parameters.get(node.value.id)
-    if given is None or given.kind != "record":
-        return None
-    return program.record(given.record).fields.get(node.attr)
+    match program.refs.get(literal):
+        case Constant(module=module, value=int(value)) if module == NAME:
+            return 0 < abs(value) < 1 << (q // 2)
+    return False
 
 
 def _refuse_long(program: Program, function: Function, node: ast.For, proof: Proof) -> None:
     """Refuse a loop that is not shown to end within the iterations followed by the proof."""
     module = program.modules[function.module]
     assert isinstance(node.iter, ast.Call)
-    bounds = [proof.seen.get(id(argument)) for argument in node.iter.args]
+    bounds = [proof.seen.get(argument) for argument in node.iter.args]
     if any(bound is None for bound in bounds):
         return
     ranges = [bound for bound in bounds if bound is not None]

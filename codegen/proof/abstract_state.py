@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from codegen.proof.intervals import Value
+from codegen.operations.intervals import Value
 
 Key = tuple[str, str]
 Element = tuple[Key, tuple[int, ...]]

@@ -3,11 +3,11 @@
 import ast
 from abc import abstractmethod
 
+from codegen.operations.intervals import Value
+from codegen.operations.relations import RELATIONS, narrow
 from codegen.proof.abstract_state import Element, Reference, State
 from codegen.proof.expressions import Expressions
-from codegen.proof.intervals import Value
-from codegen.proof.relations import NEGATED, SWAPPED, narrow
-from codegen.subset.program import Function
+from codegen.subset.program import Function, Local, Member, Parameter
 
 
 class Conditions(Expressions):
@@ -41,14 +41,14 @@ class Conditions(Expressions):
             return (current, left) if both else (left, current)
         assert isinstance(test, ast.Compare)
         call = test.left if self.proof and isinstance(test.left, ast.Call) else None
-        if call is not None and self.program.function(self.module, call.func) is not None:
+        if call is not None and isinstance(self.refs[call], Function):
             return self._branch_on_call(test, call, state)
         a = self.value(test.left, state)
         b = self.value(test.comparators[0], state)
         op = type(test.ops[0])
         return (
             self._narrowed(test, op, a, b, state),
-            self._narrowed(test, NEGATED[op], a, b, state),
+            self._narrowed(test, RELATIONS[op].negated, a, b, state),
         )
 
     def _branch_on_call(
@@ -64,7 +64,7 @@ class Conditions(Expressions):
             assert value is not None
             self._record(call, value)
             limit = self.value(test.comparators[0], after)
-            for i, each in enumerate((op, NEGATED[op])):
+            for i, each in enumerate((op, RELATIONS[op].negated)):
                 if narrow(each, value, limit) is not None:
                     earlier = results[i]
                     # both ways may be open: each goes on with a state of its own
@@ -78,14 +78,14 @@ class Conditions(Expressions):
         stale = self._writes(call)
         for argument, name in zip(call.args, function.parameters, strict=True):
             learnt = end.names.get(name)
-            if isinstance(learnt, Value) and name not in self.assigned[function.key]:
+            if isinstance(learnt, Value) and name not in function.assigned:
                 self._learn(argument, learnt, after, stale=stale)
 
     def _narrowed(
         self, test: ast.Compare, op: type[ast.cmpop], a: Value, b: Value, state: State
     ) -> State | None:
         one = narrow(op, a, b)
-        two = narrow(SWAPPED.get(op, op), b, a)
+        two = narrow(RELATIONS[op].swapped, b, a)
         if one is None or two is None:
             return None
         narrowed = state.copy()
@@ -96,20 +96,15 @@ class Conditions(Expressions):
 
     def _writes(self, node: ast.expr) -> bool:
         """Whether a call in ``node`` may write, so that what was read before it may be stale."""
-        calls = [inner for inner in ast.walk(node) if isinstance(inner, ast.Call)]
-        called = [self.program.function(self.module, call.func) for call in calls]
-        return any(each is not None and each.key in self.writers for each in called)
+        called = (self.refs[n] for n in ast.walk(node) if isinstance(n, ast.Call))
+        return any(isinstance(f, Function) and f.key in self.program.writers for f in called)
 
     def _learn(self, node: ast.expr, value: Value, state: State, *, stale: bool) -> None:
         """Narrow what ``node`` reads; of places only where it is not ``stale``."""
-        if isinstance(node, ast.Name):
-            if isinstance(state.names.get(node.id), Value):
-                state.names[node.id] = value
-        elif isinstance(node, ast.Attribute | ast.Subscript) and not stale:
-            if self.program.constant(self.module, node) is not None:
-                return
-            if self.program.limit(self.module, node) is not None:
-                return
+        ref = self.refs.get(node)
+        if isinstance(ref, Local) and isinstance(node, ast.Name):
+            state.names[ref.name] = value
+        elif isinstance(ref, Member | Parameter) and not stale:
             reference = self._place(node, state)
             assert reference.key is not None
             array = self.arrays[reference.key]

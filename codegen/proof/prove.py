@@ -8,13 +8,14 @@ As the field ranges are both assumed and shown, they are an invariant that holds
 ``init``.
 """
 
+import ast
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from codegen.operations.intervals import Value, hull
 from codegen.proof.abstract_state import Finding
 from codegen.proof.interpreter import Interpreter
-from codegen.proof.intervals import Value, hull
 from codegen.subset.parse import load
 from codegen.subset.program import Function, Program
 
@@ -26,12 +27,12 @@ CHECK = ("check", "check")
 class Proof:
     """Result of a proof: the obligations not met, and the interval of each expression.
 
-    ``seen`` maps the id of a syntax node to its interval over all ways to reach it, ``obligations``
+    ``seen`` maps a syntax node to its interval over all ways to reach it, ``obligations``
     file and line to the number of obligations that stand there.
     """
 
     findings: tuple[Finding, ...]
-    seen: Mapping[int, Value]
+    seen: Mapping[ast.AST, Value]
     obligations: Mapping[tuple[str, int], int]
 
 
@@ -76,7 +77,7 @@ def prove(
     for function in entry_points(program):
         strict.run(function)
     runs.append(strict)
-    seen: dict[int, Value] = {}
+    seen: dict[ast.AST, Value] = {}
     for run in runs:
         for node, value in run.seen.items():
             seen[node] = hull(seen[node], value) if node in seen else value

@@ -25,8 +25,14 @@ from codegen.specialise.places import (
     fixed,
 )
 from codegen.specialise.tidy import tidied
-from codegen.subset.effects import assigned
-from codegen.subset.program import CONST_RECORD, Function, Program, Type
+from codegen.subset.program import (
+    CONST_RECORD,
+    Function,
+    Program,
+    Type,
+    assigned,
+    statements,
+)
 
 Key = tuple[tuple[str, str], tuple[str, ...]]
 
@@ -57,10 +63,10 @@ class Evaluator(Expressions):
         key = (function.key, tuple(ast.unparse(n) if n is not None else "" for n in told))
         if key in self.copies:
             return self.copies[key]
-        scope = Scope(function, {}, taken={*function.parameters, *RECORDS.values()})
+        scope = Scope({}, taken={*function.parameters, *RECORDS.values()})
         for name, given in zip(function.parameters, told, strict=True):
             scope.values[name] = given if given is not None else ast.Name(name)
-        body, _ = self._block(_statements(function.node), scope)
+        body, _ = self._block(statements(function.node), scope)
         body = tidied(body)
         used = {n.id for s in body for n in ast.walk(s) if isinstance(n, ast.Name)}
         records = tuple(name for name in RECORDS.values() if name in used)
@@ -87,7 +93,6 @@ class Evaluator(Expressions):
 
     def _told(self, function: Function, arguments: list[ast.expr]) -> list[ast.expr | None]:
         """What is known of each argument: its value, or the place of an array or record."""
-        changed = assigned(function)
         told: list[ast.expr | None] = []
         for (name, its), argument in zip(function.parameters.items(), arguments, strict=True):
             if its.kind == "record":
@@ -95,7 +100,7 @@ class Evaluator(Expressions):
             elif its.shape:
                 told.append(argument if fixed(argument) else None)
             else:
-                given = fold.known(argument) is not None and name not in changed
+                given = fold.known(argument) is not None and name not in function.assigned
                 told.append(argument if given else None)
         return told
 
@@ -107,10 +112,10 @@ class Evaluator(Expressions):
         self.used.add(name)
         return name
 
-    def _block(self, statements: list[ast.stmt], scope: Scope) -> tuple[list[ast.stmt], bool]:
+    def _block(self, block: list[ast.stmt], scope: Scope) -> tuple[list[ast.stmt], bool]:
         """The statements as written; whether the end of them is reached."""
         written: list[ast.stmt] = []
-        for statement in statements:
+        for statement in block:
             its, goes_on = self._statement(statement, scope)
             written += its
             if not goes_on:
@@ -191,19 +196,7 @@ class Evaluator(Expressions):
             unrolled = self._on_trial(node, name, turns, scope) if len(turns) <= TURNS else None
             if unrolled is not None:
                 return unrolled
-        inside = {
-            target.id
-            for inner in ast.walk(node)
-            for target in (
-                inner.targets
-                if isinstance(inner, ast.Assign)
-                else [inner.target]
-                if isinstance(inner, ast.AugAssign | ast.AnnAssign)
-                else []
-            )
-            if isinstance(target, ast.Name)
-        }
-        scope.forget(inside)
+        scope.forget(assigned(node))
         before, values = dict(scope.constants), dict(scope.values)
         counter = "_" if name == "_" else scope.declare(name)
         body, _ = self._block(node.body, scope)
@@ -239,21 +232,14 @@ class Evaluator(Expressions):
     def _called(self, node: ast.expr, scope: Scope) -> list[ast.stmt]:
         """A call for its effect."""
         assert isinstance(node, ast.Call)
-        module = self.program.modules[scope.function.module]
-        function = self.program.function(module, node.func)
-        if function is None:
-            value = self.value(node, scope)
-            return [ast.Expr(value)]
+        function = self.program.refs[node]
+        if not isinstance(function, Function):
+            return [ast.Expr(self.value(node, scope))]
         copy, arguments = self._call(function, node, scope)
-        if all(
-            isinstance(s, ast.Expr | ast.Return) and fold.pure(s) for s in _statements(copy.node)
-        ):
+        body = statements(copy.node)
+        if all(isinstance(s, ast.Expr | ast.Return) and fold.pure(s) for s in body):
             return []
         return [ast.Expr(ast.Call(ast.Name(copy.name), arguments, []))]
-
-
-def _statements(node: ast.FunctionDef) -> list[ast.stmt]:
-    return node.body[1:] if ast.get_docstring(node) is not None else node.body
 
 
 def _described(function: Function, told: list[ast.expr | None]) -> str:

@@ -5,9 +5,10 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from codegen.operations.table import INTRINSICS, Access, Operation
 from codegen.specialise import fold
 from codegen.specialise.places import Places, Scope, fixed
-from codegen.subset.program import MEMORY, Function
+from codegen.subset.program import Function
 
 
 @dataclass(slots=True)
@@ -69,16 +70,14 @@ class Expressions(Places):
         return fold.comparison(node.ops[0], left, right)
 
     def _result(self, node: ast.Call, scope: Scope) -> ast.expr:
-        module = self.program.modules[scope.function.module]
-        name = self.program.intrinsic(module, node.func)
-        if name in MEMORY or name == "clear":
+        function = self.program.refs[node]
+        if isinstance(function, Access):
             record = scope.values[ast.unparse(node.args[0])]
             rest = [self.value(argument, scope) for argument in node.args[1:]]
-            return ast.Call(ast.Name(name), [record, *rest], [])
-        if name is not None:
-            return fold.intrinsic(name, [self.value(argument, scope) for argument in node.args])
-        function = self.program.function(module, node.func)
-        assert function is not None
+            return ast.Call(ast.Name(function.name), [record, *rest], [])
+        if isinstance(function, Operation):
+            return fold.intrinsic(function.name, [self.value(each, scope) for each in node.args])
+        assert isinstance(function, Function)
         if function.key in self.results:
             return fold.literal(self.results[function.key])
         copy, arguments = self._call(function, node, scope)
@@ -101,7 +100,7 @@ class Expressions(Places):
             else:
                 arguments.append(self.value(argument, scope))
         copy = self.copy(function, arguments)
-        written = self.writers.get(function.key, frozenset())
+        written = self.program.writers.get(function.key, frozenset())
         kept: list[ast.expr] = [ast.Name(name) for name in copy.records]
         for i, name in enumerate(function.parameters):
             argument = arguments[i]
@@ -147,7 +146,7 @@ def substituted(node: ast.expr, given: Mapping[str, ast.expr]) -> ast.expr:
         if isinstance(n, ast.Call):
             arguments = [inside(argument) for argument in n.args]
             assert isinstance(n.func, ast.Name)
-            if n.func.id in fold.READERS - MEMORY.keys():
+            if isinstance(INTRINSICS.get(n.func.id), Operation):
                 return fold.intrinsic(n.func.id, arguments)
             return ast.Call(n.func, arguments, [])
         return n

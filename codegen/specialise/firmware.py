@@ -12,15 +12,17 @@ from functools import cache
 from itertools import product
 
 from canroll.errors import CanrollError
+from codegen.operations.intervals import KINDS
+from codegen.operations.table import INTRINSICS
 from codegen.proof.prove import entry_points, prove
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.ecu_traffic import refused
 from codegen.run.memory_image import fill, image
-from codegen.specialise import fold, reach, state_ranges
+from codegen.specialise import reach, state_ranges
 from codegen.specialise.evaluator import Evaluator, steady
 from codegen.specialise.expressions import Copy
 from codegen.specialise.places import Element
-from codegen.subset.program import FIRMWARE, KINDS, Const, Program, Type
+from codegen.subset.program import FIRMWARE, Const, Program, Type
 from firmware.calibration import Calibration
 from firmware.subset import fields
 
@@ -126,7 +128,7 @@ def _source(record: Calibration, functions: list[ast.FunctionDef], tables: Table
     needed = {name: tables[name] for name in sorted(tables) if name in words}
     text = "\n".join(_table(name, *table) for name, table in needed.items())
     kinds = {its.kind for its, _ in needed.values()}
-    names = sorted(words & (fold.READERS | {"clear"} | set(KINDS)) | kinds)
+    names = sorted(words & (INTRINSICS.keys() | KINDS.keys()) | kinds)
     head = HEAD.format(id=record.id, crc=record.crc, names=", ".join(names))
     return f"{head}\n{text}\n\n\n{bodies}\n"
 

@@ -5,22 +5,15 @@ drop an operand is applied only where dropping it drops no effect.
 """
 
 import ast
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
-from codegen.proof.relations import NEGATED
-from codegen.subset.program import OPERATIONS
-from firmware import subset
+from codegen.operations.relations import RELATIONS
+from codegen.operations.table import INTRINSICS, OPERATORS, Access, Operation
 
-Number = ast.expr
-
-RELATIONS: dict[type[ast.cmpop], Callable[[int, int], bool]] = {
-    ast.Lt: lambda a, b: a < b,
-    ast.LtE: lambda a, b: a <= b,
-    ast.Gt: lambda a, b: a > b,
-    ast.GtE: lambda a, b: a >= b,
-    ast.Eq: lambda a, b: a == b,
-    ast.NotEq: lambda a, b: a != b,
-}
+READERS = frozenset(
+    name for name, row in INTRINSICS.items() if not (isinstance(row, Access) and row.writes)
+)
+"""Intrinsics without effect."""
 
 
 def literal(number: int) -> ast.expr:
@@ -54,11 +47,6 @@ def pure(node: ast.AST) -> bool:
     )
 
 
-READERS = frozenset(
-    ("sat32", "sat31", "scaled", "clamp", "rsh", "tdiv", "byte", "narrow", "to_i32", "to_u32")
-) | {"word", "octet"}
-
-
 def negated(a: ast.expr) -> ast.expr:
     """-a."""
     value = known(a)
@@ -73,7 +61,7 @@ def operation(op: ast.operator, a: ast.expr, b: ast.expr) -> ast.expr:
     """``a op b``."""
     x, y = known(a), known(b)
     if x is not None and y is not None:
-        return literal(OPERATIONS[type(op)](x, y))
+        return literal(OPERATORS[type(op)].fold(x, y))
     if isinstance(op, ast.Mult):
         return _product(a, b, x, y)
     if isinstance(op, ast.Add):
@@ -123,8 +111,10 @@ def _sum(a: ast.expr, b: ast.expr, x: int | None, y: int | None) -> ast.expr:
 def intrinsic(name: str, arguments: Sequence[ast.expr]) -> ast.expr:
     """A call of an intrinsic that reads no memory."""
     values = [known(each) for each in arguments]
-    if all(value is not None for value in values):
-        return literal(getattr(subset, name)(*values))
+    row = INTRINSICS[name]
+    assert isinstance(row, Operation)
+    if None not in values:
+        return literal(row.fold(*values))
     if name in ("scaled", "rsh") and values[1] is not None:
         return shifted(name, arguments[0], values[1])
     return ast.Call(ast.Name(name), list(arguments), [])
@@ -173,10 +163,9 @@ def comparison(op: ast.cmpop, a: ast.expr, b: ast.expr) -> ast.expr:
     """``a op b``; a literal True or False where both are known."""
     x, y = known(a), known(b)
     if x is not None and y is not None:
-        return ast.Constant(RELATIONS[type(op)](x, y))
+        return ast.Constant(RELATIONS[type(op)].holds(x, y))
     if x is not None:
-        swapped = {ast.Lt: ast.Gt, ast.LtE: ast.GtE, ast.Gt: ast.Lt, ast.GtE: ast.LtE}
-        return ast.Compare(b, [swapped.get(type(op), type(op))()], [a])
+        return ast.Compare(b, [RELATIONS[type(op)].swapped()], [a])
     return ast.Compare(a, [op], [b])
 
 
@@ -195,7 +184,7 @@ def inverse(node: ast.expr) -> ast.expr:
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
         return node.operand
     if isinstance(node, ast.Compare):
-        return ast.Compare(node.left, [NEGATED[type(node.ops[0])]()], node.comparators)
+        return ast.Compare(node.left, [RELATIONS[type(node.ops[0])].negated()], node.comparators)
     return ast.UnaryOp(ast.Not(), node)
 
 

@@ -1,7 +1,7 @@
 """Locals and statements that nothing needs any more, taken out."""
 
 import ast
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from canroll.errors import CanrollError
 from codegen.specialise import fold
@@ -14,6 +14,15 @@ def tidied(body: list[ast.stmt]) -> list[ast.stmt]:
         if _size(shorter) == _size(body):
             return shorter
         body = shorter
+
+
+def rebuilt(node: ast.stmt, change: Callable[[list[ast.stmt]], list[ast.stmt]]) -> ast.stmt:
+    """An ``if`` or a loop with its blocks changed; any other statement as it is."""
+    if isinstance(node, ast.If):
+        return ast.If(node.test, change(node.body), change(node.orelse))
+    if isinstance(node, ast.For):
+        return ast.For(node.target, node.iter, change(node.body), [], lineno=0)
+    return node
 
 
 def _live(body: list[ast.stmt], after: frozenset[str]) -> tuple[list[ast.stmt], frozenset[str]]:
@@ -72,12 +81,8 @@ def _declared_late(body: list[ast.stmt]) -> list[ast.stmt]:
     """Declare a local where it gets the first value that is read, not one that is replaced."""
     body = list(body)
     for i, node in enumerate(body):
-        if isinstance(node, ast.If):
-            body[i] = ast.If(node.test, _declared_late(node.body), _declared_late(node.orelse))
-        elif isinstance(node, ast.For):
-            inner = _declared_late(node.body)
-            body[i] = ast.For(node.target, node.iter, inner, [], lineno=0)
-        elif isinstance(node, ast.AnnAssign) and node.value is not None and fold.pure(node.value):
+        body[i] = rebuilt(node, _declared_late)
+        if isinstance(node, ast.AnnAssign) and node.value is not None and fold.pure(node.value):
             name = _local(node)
             later = next((k for k in range(i + 1, len(body)) if name in _all([body[k]])), None)
             if later is None or _local(body[later]) != name:

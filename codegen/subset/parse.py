@@ -12,10 +12,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from canroll.errors import CanrollError
+from codegen.operations.intervals import KINDS
 from codegen.subset import idle
 from codegen.subset.program import (
     FIRMWARE,
-    KINDS,
     PACKAGE,
     RUNTIME,
     Const,
@@ -27,10 +27,10 @@ from codegen.subset.program import (
     RecordField,
     SubsetError,
     Type,
-    calls,
     evaluate,
     file_of,
 )
+from codegen.subset.resolve import resolve
 
 
 def load(
@@ -47,6 +47,7 @@ def load(
     program = Program({}, (entry, *services))
     for name in program.entries:
         _load(program, name, folder, shown or {}, ())
+    resolve(program)
     _forbid_recursion(program)
     idle.leave_out(program)
     return program
@@ -246,9 +247,10 @@ def _function(program: Program, module: Module, node: ast.FunctionDef) -> Functi
 
 
 def _record(program: Program, module: Module, node: ast.ClassDef) -> Record:
-    if [ast.unparse(d) for d in node.decorator_list] != ["record"] or node.bases:
-        raise SubsetError(module.path, node, "a class is a @record without bases")
-    found = {}
+    if [ast.unparse(d) for d in node.decorator_list] != ["record"] or len(node.bases) > 1:
+        raise SubsetError(module.path, node, "a class is a @record, derived from one at most")
+    inherited = _inherited(program, module, node.bases)
+    found = dict(inherited)
     for statement in node.body:
         if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
             continue
@@ -277,6 +279,9 @@ def _record(program: Program, module: Module, node: ast.ClassDef) -> Record:
         if not _fits(lo, kind) or not _fits(hi, kind):
             raise SubsetError(module.path, statement, f"[{lo}, {hi}] does not fit i32")
         name = statement.target.id
+        if name in found:
+            owner = ast.unparse(node.bases[0]) if name in inherited else node.name
+            raise SubsetError(module.path, statement, f"{owner} has a field {name} already")
         found[name] = RecordField(
             name,
             Type(kind, parse_type(program, module, annotation).shape),
@@ -291,6 +296,18 @@ def _record(program: Program, module: Module, node: ast.ClassDef) -> Record:
     return Record(module.name, node.name, ast.get_docstring(node) or "", node.lineno, found)
 
 
+def _inherited(
+    program: Program, module: Module, bases: Sequence[ast.expr]
+) -> Mapping[str, RecordField]:
+    """The fields of the record from which a record is derived."""
+    for base in bases:
+        its = parse_type(program, module, base)
+        if its.kind != "record":
+            raise SubsetError(module.path, base, f"{its.kind} is not a record")
+        return program.record(its.record).fields
+    return {}
+
+
 def _forbid_recursion(program: Program) -> None:
     done: set[tuple[str, str]] = set()
 
@@ -300,7 +317,7 @@ def _forbid_recursion(program: Program) -> None:
             raise SubsetError(path, function.node, f"{function.name} calls itself: no recursion")
         if function.key in done:
             return
-        for called in calls(program, function):
+        for called in program.calls(function):
             visit(called, (*above, function.key))
         done.add(function.key)
 

@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from codegen.operations.relations import RELATIONS
+from codegen.operations.table import INTRINSICS, OPERATORS
 from codegen.specialise import fold
-from codegen.subset.program import INTRINSICS
 from firmware import subset
 
 NAMES = ("a", "b")
@@ -20,7 +21,7 @@ def leaf():
 
 
 def inner(children):
-    plain = [op for op in fold.OPERATIONS if op not in (ast.LShift, ast.RShift)]
+    plain = [op for op in OPERATORS if op not in (ast.LShift, ast.RShift)]
     operators = st.sampled_from(plain)
     sums = st.tuples(operators, children, children).map(lambda t: ast.BinOp(t[1], t[0](), t[2]))
     shifts = st.tuples(st.sampled_from([ast.LShift, ast.RShift]), children, st.integers(0, 8)).map(
@@ -38,7 +39,7 @@ def inner(children):
 
 EXPRESSIONS = st.recursive(leaf(), inner, max_leaves=12)
 CONDITIONS = st.recursive(
-    st.tuples(st.sampled_from([*fold.RELATIONS]), leaf(), leaf()).map(
+    st.tuples(st.sampled_from([*RELATIONS]), leaf(), leaf()).map(
         lambda t: ast.Compare(t[1], [t[0]()], [t[2]])
     ),
     lambda c: (
