@@ -12,10 +12,10 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
-from codegen.c99 import kept, runtime
+from codegen.c99 import kept
 from codegen.c99.function import Body
 from codegen.c99.linkage import PUBLIC_NUMBERS, PUBLIC_TABLES, Home, Names, linkage
-from codegen.c99.text import CLOSE_C, OPEN_C, WIDTH, broken, comment, declaration, plain
+from codegen.c99.text import CLOSE_C, OPEN_C, RUNTIME, WIDTH, broken, comment, declaration, plain
 from codegen.operations.c_expression import C_TYPES, PRIMARY, literal
 from codegen.operations.table import Access
 from codegen.proof.interpreter import Interpreter
@@ -70,7 +70,7 @@ class Emitter:
 
     def files(self) -> dict[str, str]:
         """All files, including the runtime header and the public header."""
-        found = {"canroll_runtime.h": runtime.TEXT, "canroll.h": self._public_header()}
+        found = {RUNTIME.name: RUNTIME.read_text("utf-8"), "canroll.h": self._public_header()}
         for module in self.program.modules.values():
             found[f"canroll_{module.name}.h"] = self._header(module)
             functions = [f for f in module.functions.values() if f.key in self.linkage.reachable]

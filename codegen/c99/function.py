@@ -32,7 +32,6 @@ from codegen.subset.program import (
     Program,
     SubsetError,
     Type,
-    evaluate,
     is_scalar,
     statements,
 )
@@ -144,11 +143,7 @@ class Body:
         counter = name if name != "_" else f"turn{len(self.counters) or ''}"
         bounds = [converted(self.value(bound), "i32") for bound in node.iter.args]
         start, stop = (literal(0), bounds[0]) if len(bounds) == 1 else (bounds[0], bounds[1])
-        step = 1
-        if len(node.iter.args) == 3:
-            given = evaluate(self.program, self.module, node.iter.args[2])
-            assert isinstance(given, int)
-            step = given
+        step = bounds[2].value.lo if len(bounds) == 3 else 1
         advance = {1: f"{counter}++", -1: f"{counter}--"}.get(step, f"{counter} += {step}")
         compare = "<" if step > 0 else ">"
         yield (

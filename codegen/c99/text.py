@@ -1,10 +1,13 @@
 """C text: declarations, comments, line breaks."""
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 from codegen.operations.c_expression import C_TYPES
 
 WIDTH = 100
+RUNTIME = Path(__file__).with_name("canroll_runtime.h")
+"""What emitted C needs of the machine: integers of fixed width, helpers of intrinsics."""
 OPEN_C = ["", "#ifdef __cplusplus", 'extern "C" {', "#endif"]
 CLOSE_C = ["", "#ifdef __cplusplus", "}", "#endif"]
 """What makes declarations those of C where C++ reads them."""

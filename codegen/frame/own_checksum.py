@@ -6,7 +6,6 @@ with the frame and its identifier. What it returns is put into the checksum's pl
 """
 
 import ast
-import importlib
 import re
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
@@ -169,11 +168,6 @@ def _refuse_imports(path: Path, source: str) -> None:
             "typing",
         ):
             raise SubsetError(path, node, f"a checksum imports from {PACKAGE}.{RUNTIME} only")
-        if isinstance(node, ast.ImportFrom) and node.module == f"{PACKAGE}.{RUNTIME}":
-            known = vars(importlib.import_module(node.module))
-            for alias in node.names:
-                if alias.name not in known:
-                    raise SubsetError(path, node, f"{node.module} has no {alias.name}")
 
 
 def _signed(module: Module, source: str, name: str, where: str) -> OwnChecksum:

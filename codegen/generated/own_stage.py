@@ -17,13 +17,13 @@ from typing import Any
 
 from canroll import documents
 from canroll.errors import CanrollError, reason
+from codegen.proof import stage_rules
 from codegen.subset.parse import load
 from codegen.subset.program import FIRMWARE, Module, RecordField, SubsetError, copy_sources
 from codegen.subset.rules import C_WORDS
 
-NAME = "stage"
+NAME, STATE = stage_rules.NAME, stage_rules.STATE
 FILE = f"{NAME}.py"
-STATE = "Ecu"
 MOST_CHARACTERS = 100_000
 IMPORTS = """
 from firmware.calibration import Calibration
@@ -93,7 +93,6 @@ def modules(stage: OwnStage) -> dict[str, str]:
     except (SyntaxError, ValueError) as error:
         line = getattr(error, "lineno", None) or 1
         raise SubsetError(path, line, getattr(error, "msg", str(error))) from error
-    _refuse_unknown_imports(path, tree)
     own = _record(path, tree)
     parsed = _parsed(stage)
     replaced = {FILE: _without_record(_with_missing(stage, parsed, own), own)}
@@ -104,36 +103,6 @@ def modules(stage: OwnStage) -> dict[str, str]:
         state = (FIRMWARE / "state.py").read_text(encoding="utf-8")
         replaced["state.py"] = "\n".join([state.rstrip(), "", *_rows(fields, path), ""])
     return replaced
-
-
-def _refuse_unknown_imports(path: Path, tree: ast.Module) -> None:
-    for node in tree.body:
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("firmware."):
-            home = FIRMWARE.joinpath(*(node.module or "").split(".")[1:]).with_suffix(".py")
-            if not home.is_file():
-                raise SubsetError(path, node, f"there is no module {node.module}")
-            there = _names(home)
-            for alias in node.names:
-                if alias.name not in there:
-                    raise SubsetError(path, node, f"{node.module} has no {alias.name}")
-        elif isinstance(node, ast.ImportFrom) and node.module == "firmware":
-            for alias in node.names:
-                if not (FIRMWARE / f"{alias.name}.py").is_file():
-                    raise SubsetError(path, node, f"there is no module firmware.{alias.name}")
-
-
-def _names(path: Path) -> set[str]:
-    tree = ast.parse(path.read_text(encoding="utf-8-sig"))
-    found = set()
-    for node in tree.body:
-        if isinstance(node, ast.FunctionDef | ast.ClassDef):
-            found.add(node.name)
-        targets = node.targets if isinstance(node, ast.Assign) else []
-        if isinstance(node, ast.AnnAssign):
-            targets = [node.target]
-        for target in targets:
-            found |= {n.id for n in ast.walk(target) if isinstance(n, ast.Name)}
-    return found
 
 
 def _record(path: Path, tree: ast.Module) -> ast.ClassDef | None:

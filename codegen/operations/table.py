@@ -3,7 +3,7 @@
 A row holds how an operation is computed, what interval its result has, what must be proved of its
 operands, and its C. The rules, the prover, the emitter and the specialiser read these tables and
 name no operation. A new intrinsic is a row here and its function in ``firmware/subset.py``, which
-CPython runs; if C has no operator for it, also a helper in ``codegen/c99/runtime.py``.
+CPython runs; if C has no operator for it, also a helper in ``codegen/c99/canroll_runtime.h``.
 """
 
 import ast

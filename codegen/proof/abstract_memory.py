@@ -37,6 +37,7 @@ class Memory(ABC):
         self.proof = proof
         self.refs = program.refs
         self.seen: dict[ast.AST, Value] = {}
+        self.turns: dict[ast.For, int] = {}
         self.found: dict[tuple[str, int, str], Finding] = {}
         self.obligations: set[tuple[str, int, int, str]] = set()
         self.arrays: dict[Key, Array] = {}

@@ -9,11 +9,10 @@ Conditions narrow what they compare; where paths meet their values are joined.
 
 import ast
 
-from codegen.operations import intervals as iv
 from codegen.operations.intervals import KINDS, Value
 from codegen.operations.table import OPERATORS
 from codegen.proof.abstract_state import Array, Element, Reference, State, same
-from codegen.proof.branches import Conditions
+from codegen.proof.expressions import Expressions
 from codegen.subset.program import Function, SubsetError, Type
 
 UNROLLED = 64
@@ -22,7 +21,7 @@ NESTED = UNROLLED**2
 """Rounds of loops in each other that a bounded module may have."""
 
 
-class Interpreter(Conditions):
+class Interpreter(Expressions):
     """Runs functions of a program on intervals; the module's docstring describes the two modes."""
 
     def run(self, function: Function, state: State | None = None) -> Value | None:
@@ -42,21 +41,6 @@ class Interpreter(Conditions):
         key = (f"parameter {function.module}.{function.name}", name)
         self.arrays[key] = Array(its.shape, lo, hi)
         return Reference("", key)
-
-    def _body(
-        self,
-        function: Function,
-        names: dict[str, Value | Reference],
-        known: dict[Element, Value],
-    ) -> tuple[Value | None, dict[Element, Value]]:
-        result: Value | None = None
-        joined: State | None = None
-        for value, state in self._paths(function, names, known):
-            state.names = {}
-            if value is not None:
-                result = value if result is None else iv.hull(result, value)
-            joined = state if joined is None else self._join(joined, state)
-        return result, joined.known if joined is not None else known
 
     def _paths(
         self,
@@ -153,6 +137,7 @@ class Interpreter(Conditions):
         first, last = (start.lo, stop.hi) if step > 0 else (start.hi, stop.lo)
         known_start = start.lo == start.hi
         trips = range(first, last, step)
+        self.turns[node] = max(self.turns.get(node, 0), len(trips))
         outer = self.rounds
         self._bound(node, len(trips))
         end = self._rounds(node, state, trips, stop, unrolled=known_start)

@@ -28,12 +28,14 @@ class Proof:
     """Result of a proof: the obligations not met, and the interval of each expression.
 
     ``seen`` maps a syntax node to its interval over all ways to reach it, ``obligations``
-    file and line to the number of obligations that stand there.
+    file and line to the number of obligations that stand there, ``turns`` a loop to the most that
+    it makes.
     """
 
     findings: tuple[Finding, ...]
     seen: Mapping[ast.AST, Value]
     obligations: Mapping[tuple[str, int], int]
+    turns: Mapping[ast.For, int]
 
 
 def entry_points(program: Program) -> list[Function]:
@@ -43,12 +45,8 @@ def entry_points(program: Program) -> list[Function]:
 
 def _entries(program: Program, module: str) -> list[Function]:
     its = program.modules[module]
-    found = []
-    for name in ENTRIES:
-        home, origin = its.imported.get(name, (module, name))
-        function = program.modules[home].functions.get(origin)
-        if function is not None:
-            found.append(function)
+    known = (program.lookup(its, ast.Name(name)) for name in ENTRIES)
+    found = [function for function in known if isinstance(function, Function)]
     return found or list(its.functions.values())
 
 
@@ -84,4 +82,4 @@ def prove(
     findings = {finding: None for run in runs for finding in run.findings}
     places = {place for run in runs for place in run.obligations}
     obligations = Counter((path, line) for path, line, _, _ in places)
-    return Proof(tuple(findings), seen, obligations)
+    return Proof(tuple(findings), seen, obligations, strict.turns)

@@ -31,6 +31,7 @@ from codegen.subset.program import (
     Program,
     Type,
     assigned,
+    names,
     statements,
 )
 
@@ -68,7 +69,7 @@ class Evaluator(Expressions):
             scope.values[name] = given if given is not None else ast.Name(name)
         body, _ = self._block(statements(function.node), scope)
         body = tidied(body)
-        used = {n.id for s in body for n in ast.walk(s) if isinstance(n, ast.Name)}
+        used = names(body)
         records = tuple(name for name in RECORDS.values() if name in used)
         kept = tuple(
             i
@@ -171,14 +172,13 @@ class Evaluator(Expressions):
         told = fold.truth(test)
         if told is not None:
             return self._block(node.body if told else node.orelse, scope)
-        before = dict(scope.constants)
-        names = dict(scope.values)
+        before, values = dict(scope.constants), dict(scope.values)
         yes, yes_on = self._block(node.body, scope)
         known_yes, scope.constants = scope.constants, dict(before)
-        scope.values = dict(names)
+        scope.values = dict(values)
         no, no_on = self._block(node.orelse, scope)
         known_no = scope.constants
-        scope.values = names
+        scope.values = values
         scope.constants = agreed(known_yes if yes_on else None, known_no if no_on else None)
         return [ast.If(test, yes, no)], yes_on or no_on
 

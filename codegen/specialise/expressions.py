@@ -5,7 +5,7 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from codegen.operations.table import INTRINSICS, Access, Operation
+from codegen.operations.table import Access, Operation
 from codegen.specialise import fold
 from codegen.specialise.places import Places, Scope, fixed
 from codegen.subset.program import Function
@@ -39,20 +39,14 @@ class Expressions(Places):
 
     def value(self, node: ast.expr, scope: Scope) -> ast.expr:
         """An expression with what is known folded in."""
-        if isinstance(node, ast.Constant):
-            return node
         if isinstance(node, ast.Name) and node.id in scope.values:
             number = scope.constants.get(node.id)
             return scope.values[node.id] if number is None else fold.literal(number)
         if isinstance(node, ast.Name | ast.Attribute | ast.Subscript):
             return self._read(node, scope)
-        if isinstance(node, ast.UnaryOp):
-            return fold.negated(self.value(node.operand, scope))
-        if isinstance(node, ast.BinOp):
-            left, right = self.value(node.left, scope), self.value(node.right, scope)
-            return fold.operation(node.op, left, right)
-        assert isinstance(node, ast.Call)
-        return self._result(node, scope)
+        if isinstance(node, ast.Call):
+            return self._result(node, scope)
+        return fold.mapped(node, lambda inner: self.value(inner, scope))
 
     def condition(self, node: ast.expr, scope: Scope) -> ast.expr:
         """A condition with what is known folded in."""
@@ -133,22 +127,6 @@ def substituted(node: ast.expr, given: Mapping[str, ast.expr]) -> ast.expr:
     """``node`` with ``given`` in place of names, folded again."""
 
     def inside(n: ast.expr) -> ast.expr:
-        if isinstance(n, ast.Name):
-            return given.get(n.id, n)
-        if isinstance(n, ast.UnaryOp):
-            return fold.negated(inside(n.operand))
-        if isinstance(n, ast.BinOp):
-            return fold.operation(n.op, inside(n.left), inside(n.right))
-        if isinstance(n, ast.Subscript):
-            return ast.Subscript(inside(n.value), inside(n.slice))
-        if isinstance(n, ast.Attribute):
-            return ast.Attribute(inside(n.value), n.attr)
-        if isinstance(n, ast.Call):
-            arguments = [inside(argument) for argument in n.args]
-            assert isinstance(n.func, ast.Name)
-            if isinstance(INTRINSICS.get(n.func.id), Operation):
-                return fold.intrinsic(n.func.id, arguments)
-            return ast.Call(n.func, arguments, [])
-        return n
+        return given.get(n.id, n) if isinstance(n, ast.Name) else fold.mapped(n, inside)
 
     return inside(node)

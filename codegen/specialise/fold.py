@@ -5,7 +5,7 @@ drop an operand is applied only where dropping it drops no effect.
 """
 
 import ast
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from codegen.operations.relations import RELATIONS
 from codegen.operations.table import INTRINSICS, OPERATORS, Access, Operation
@@ -57,55 +57,51 @@ def negated(a: ast.expr) -> ast.expr:
     return ast.UnaryOp(ast.USub(), a)
 
 
+NEUTRAL = {ast.Add: 0, ast.Sub: 0, ast.Mult: 1, ast.BitOr: 0, ast.BitXor: 0}
+NEUTRAL |= {ast.LShift: 0, ast.RShift: 0}
+"""The right operand that leaves the left one as it is."""
+COMMUTATIVE = (ast.Add, ast.Mult, ast.BitOr, ast.BitXor)
+
+
 def operation(op: ast.operator, a: ast.expr, b: ast.expr) -> ast.expr:
     """``a op b``."""
-    x, y = known(a), known(b)
+    kind, x, y = type(op), known(a), known(b)
     if x is not None and y is not None:
-        return literal(OPERATORS[type(op)].fold(x, y))
-    if isinstance(op, ast.Mult):
-        return _product(a, b, x, y)
-    if isinstance(op, ast.Add):
-        return _sum(a, b, x, y)
-    if isinstance(op, ast.Sub):
-        if y == 0:
-            return a
-        if x == 0:
-            return negated(b)
-    if isinstance(op, ast.BitOr | ast.BitXor):
-        if x == 0:
-            return b
-        if y == 0:
-            return a
-    if isinstance(op, ast.BitAnd) and 0 in (x, y) and pure(a) and pure(b):
+        return literal(OPERATORS[kind].fold(x, y))
+    if kind is ast.Mult and x is not None:
+        a, b, x, y = b, a, y, x
+    if y is not None and y == NEUTRAL.get(kind):
+        return a
+    if x is not None and kind in COMMUTATIVE and x == NEUTRAL[kind]:
+        return b
+    if kind in (ast.Mult, ast.BitAnd) and 0 in (x, y) and pure(a) and pure(b):
         return literal(0)
-    if isinstance(op, ast.LShift | ast.RShift):
-        if y == 0:
-            return a
-        if x == 0:
-            return literal(0)
+    if kind is ast.Mult and y == -1:
+        return negated(a)
+    if kind is ast.Sub and x == 0:
+        return negated(b)
+    if kind is ast.Add and isinstance(b, ast.UnaryOp) and isinstance(b.op, ast.USub):
+        return ast.BinOp(a, ast.Sub(), b.operand)
     return ast.BinOp(a, op, b)
 
 
-def _product(a: ast.expr, b: ast.expr, x: int | None, y: int | None) -> ast.expr:
-    if x is not None:
-        a, b, y = b, a, x
-    if y == 0 and pure(a):
-        return literal(0)
-    if y == 1:
-        return a
-    if y == -1:
-        return negated(a)
-    return ast.BinOp(a, ast.Mult(), b)
-
-
-def _sum(a: ast.expr, b: ast.expr, x: int | None, y: int | None) -> ast.expr:
-    if x == 0:
-        return b
-    if y == 0:
-        return a
-    if isinstance(b, ast.UnaryOp) and isinstance(b.op, ast.USub):
-        return ast.BinOp(a, ast.Sub(), b.operand)
-    return ast.BinOp(a, ast.Add(), b)
+def mapped(node: ast.expr, change: Callable[[ast.expr], ast.expr]) -> ast.expr:
+    """A number with ``change`` applied to its operands, folded again."""
+    match node:
+        case ast.UnaryOp(operand=a):
+            return negated(change(a))
+        case ast.BinOp(left=a, op=op, right=b):
+            return operation(op, change(a), change(b))
+        case ast.Subscript(value=array, slice=index):
+            return ast.Subscript(change(array), change(index))
+        case ast.Attribute(value=owner, attr=name):
+            return ast.Attribute(change(owner), name)
+        case ast.Call(func=ast.Name(id=name) as func, args=arguments):
+            given = [change(each) for each in arguments]
+            if isinstance(INTRINSICS.get(name), Operation):
+                return intrinsic(name, given)
+            return ast.Call(func, given, [])
+    return node
 
 
 def intrinsic(name: str, arguments: Sequence[ast.expr]) -> ast.expr:

@@ -19,6 +19,7 @@ from codegen.subset.program import (
     RecordField,
     Type,
     base,
+    names,
 )
 
 Element = tuple[str, tuple[int, ...]]
@@ -108,14 +109,10 @@ class Places(ABC):
     reserved: frozenset[str] = field(init=False)
 
     def __post_init__(self) -> None:
-        names = {
-            n.id
-            for f in self.program.functions()
-            for n in ast.walk(f.node)
-            if isinstance(n, ast.Name)
-        }
-        names |= {name for f in self.program.functions() for name in f.parameters}
-        self.reserved = frozenset(names)
+        functions = list(self.program.functions())
+        self.reserved = frozenset(names(f.node for f in functions)).union(
+            *(f.parameters for f in functions)
+        )
 
     @abstractmethod
     def value(self, node: ast.expr, scope: Scope) -> ast.expr:

@@ -6,7 +6,7 @@ with a proof of its own.
 """
 
 import ast
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Any
 
@@ -17,7 +17,7 @@ from codegen.proof.prove import entry_points
 from codegen.specialise import fold
 from codegen.specialise.places import STATE_RECORD
 from codegen.specialise.tidy import rebuilt, tidied
-from codegen.subset.program import Program, RecordField, statements
+from codegen.subset.program import Program, RecordField, names, statements
 
 Ways = Mapping[ast.expr, tuple[bool, bool]]
 """By a condition's node: whether it is ever true, ever false."""
@@ -43,15 +43,24 @@ def cut(program: Program, module: str) -> list[ast.FunctionDef]:
     run = Reached(program)
     for function in entry_points(program):
         run.run(function)
-    functions = program.modules[module].functions
-    needed: dict[str, ast.FunctionDef] = {}
-    todo = [function.name for function in entry_points(program)]
+    functions = {
+        name: _without(function.node, run, program)
+        for name, function in program.modules[module].functions.items()
+    }
+    called = needed(functions, [function.name for function in entry_points(program)])
+    return [node for name, node in functions.items() if name in called]
+
+
+def needed(functions: Mapping[str, ast.FunctionDef], entries: Iterable[str]) -> set[str]:
+    """The names of the functions that ``entries`` call, and their own."""
+    found: set[str] = set()
+    todo = list(entries)
     while todo:
         name = todo.pop()
-        if name in functions and name not in needed:
-            needed[name] = node = _without(functions[name].node, run, program)
-            todo += [n.id for n in ast.walk(node) if isinstance(n, ast.Name)]
-    return [needed[name] for name in functions if name in needed]
+        if name in functions and name not in found:
+            found.add(name)
+            todo += names([functions[name]])
+    return found
 
 
 def _without(node: ast.FunctionDef, run: Reached, program: Program) -> ast.FunctionDef:
@@ -96,15 +105,9 @@ class Seen(ast.NodeTransformer):
                 return fold.literal(its.lo)
             if isinstance(node, ast.Call) and self._kept_anyway(node):
                 return self.visit(node.args[0])
-        found = super().visit(node)
-        if isinstance(found, ast.BinOp):
-            return fold.operation(found.op, found.left, found.right)
-        if isinstance(found, ast.Call):
-            called = self.refs.get(node)
-            return (
-                fold.intrinsic(called.name, found.args) if isinstance(called, Operation) else found
-            )
-        return found
+        if isinstance(node, ast.BinOp | ast.Call):
+            return fold.mapped(node, self.visit)
+        return super().visit(node)
 
     def _kept_anyway(self, node: ast.Call) -> bool:
         """Whether the first argument keeps the limits that an intrinsic would set it."""
@@ -132,8 +135,8 @@ def _changing(fields: Mapping[str, RecordField], body: list[ast.stmt]) -> list[a
 def _is_idle(fields: Mapping[str, RecordField], node: ast.stmt) -> bool:
     if not isinstance(node, ast.Assign) or not fold.same(node.targets[0], node.value):
         return False
-    names = {n.attr for n in ast.walk(node) if isinstance(n, ast.Attribute)}
-    return not any(fields[name].volatile for name in names)
+    stored = (n.attr for n in ast.walk(node) if isinstance(n, ast.Attribute))
+    return not any(fields[name].volatile for name in stored)
 
 
 def _test(node: ast.expr, ways: Ways) -> ast.expr:

@@ -13,6 +13,7 @@ from codegen.subset.program import (
     Module,
     Parameter,
     Program,
+    RecordField,
     SubsetError,
     base,
     evaluate,
@@ -108,41 +109,30 @@ class ExpressionRules:
                 raise self.refuse(node, f"{node.id} is not defined here")
         if isinstance(ref, Constant) and ref.type.shape and not isinstance(node, ast.Subscript):
             raise self.refuse(node, f"{ref.name} is a table: give its indices")
-        self.place(node)
-        if self.depth(node) != 0:
+        if self.place(node) != 0:
             raise self.refuse(node, f"{ast.unparse(node)} is an array: give its indices")
 
-    def depth(self, node: ast.expr) -> int:
-        """Number of indices that ``node``, a place, still needs to be a scalar."""
-        if isinstance(node, ast.Subscript):
-            return self.depth(node.value) - 1
-        match self.program.refs[node]:
-            case Constant(type=its) | Parameter(type=its):
-                return len(its.shape)
-            case Member(field=field):
-                return len(field.type.shape)
-        return 0
-
-    def place(self, node: ast.expr) -> None:
-        """Check a constant, a field, an element or a parameter array."""
+    def place(self, node: ast.expr) -> int:
+        """Check a constant, a field, an element or an array; return how many indices it lacks."""
         if isinstance(node, ast.Subscript):
             if isinstance(node.slice, ast.Slice | ast.Tuple):
                 raise self.refuse(node, "an index is one number: a[i][j], no slices")
             self.number(node.slice)
-            self.place(node.value)
-            if self.depth(node) < 0:
+            lacking = self.place(node.value)
+            if lacking == 0:
                 raise self.refuse(node, f"{ast.unparse(node.value)} is not an array")
-            return
-        ref = self.program.refs.get(node)
-        if isinstance(ref, Constant | Member | Parameter):
-            return
+            return lacking - 1
+        match self.program.refs.get(node):
+            case Constant(type=its) | Parameter(type=its) | Member(field=RecordField(type=its)):
+                return len(its.shape)
+            case Local(name=name) if name in self.function.parameters:
+                return 0
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-            owner = self.program.refs.get(node.value)
-            if not isinstance(owner, Parameter) or owner.type.kind != "record":
+            record = self.record_of(node.value)
+            if not record:
                 raise self.refuse(node, f"{node.value.id} is not a record")
-            raise self.refuse(node, f"{owner.type.record} has no field {node.attr}")
-        if not isinstance(ref, Local) or ref.name not in self.function.parameters:
-            raise self.refuse(node, f"{ast.unparse(node)} is not a field, array or table")
+            raise self.refuse(node, f"{record} has no field {node.attr}")
+        raise self.refuse(node, f"{ast.unparse(node)} is not a field, array or table")
 
     def arguments(self, node: ast.Call) -> None:
         """Check the arguments of a call against its parameters."""
@@ -169,8 +159,7 @@ class ExpressionRules:
             if is_scalar(its):
                 self.number(argument)
             elif its.shape:
-                self.place(argument)
-                if self.depth(argument) != len(its.shape):
+                if self.place(argument) != len(its.shape):
                     raise self.refuse(argument, f"{called.name} needs an array of {its.shape}")
             elif self.record_of(argument) != its.record:
                 raise self.refuse(argument, f"{called.name} needs a {its.record}")

@@ -7,7 +7,7 @@ of C. A function is empty if it has no statement, or only returns one of its par
 import ast
 from collections.abc import Mapping
 
-from codegen.subset.program import Function, Module, Program, statements
+from codegen.subset.program import Function, Module, Program, names, statements
 
 
 def leave_out(program: Program) -> None:
@@ -73,11 +73,6 @@ def _is_idle(
 
 def _forget(module: Module) -> None:
     """Drop imports of whole modules that no function of a module uses any more."""
-    named = {
-        node.id
-        for function in module.functions.values()
-        for node in ast.walk(function.node)
-        if isinstance(node, ast.Name)
-    }
+    named = names(function.node for function in module.functions.values())
     for name in set(module.modules) - named:
         del module.modules[name]

@@ -8,14 +8,16 @@ rule; the rules for function bodies are in :mod:`codegen.subset.rules`.
 import ast
 import io
 import tokenize
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from canroll.errors import CanrollError
 from codegen.operations.intervals import KINDS
+from codegen.operations.table import INTRINSICS
 from codegen.subset import idle
 from codegen.subset.program import (
     FIRMWARE,
+    LIMITS,
     PACKAGE,
     RUNTIME,
     Const,
@@ -31,6 +33,9 @@ from codegen.subset.program import (
     file_of,
 )
 from codegen.subset.resolve import resolve
+
+WORDS = frozenset((*KINDS, *LIMITS, *INTRINSICS, "F", "record"))
+"""What the subset itself offers to modules of the firmware."""
 
 
 def load(
@@ -81,6 +86,9 @@ def _load(
             raise SubsetError(path, 1, f"modules import each other: {name} and {used}")
         if used != RUNTIME:
             _load(program, used, folder, shown, (*within, name))
+    for node in tree.body:
+        if isinstance(node, ast.ImportFrom):
+            _refuse_unknown(program, module, node)
     program.modules[name] = module
     for node in tree.body:
         _top_level(program, module, node)
@@ -105,12 +113,29 @@ def _import(module: Module, node: ast.ImportFrom, folder: Path) -> None:
     for alias in node.names:
         if alias.asname is not None:
             raise SubsetError(module.path, node, "an import must not rename: remove 'as'")
+        home = source.rpartition(".")[2]
         if source == PACKAGE or (room.is_dir() and room != folder):
-            module.modules[alias.name] = alias.name
+            home = module.modules[alias.name] = alias.name
         elif source.startswith(f"{PACKAGE}."):
-            module.imported[alias.name] = (source.rpartition(".")[2], alias.name)
+            module.imported[alias.name] = (home, alias.name)
         elif (source, alias.name) != ("typing", "Annotated"):
             raise SubsetError(module.path, node, f"only the firmware imports itself, not {source}")
+        if source.startswith(PACKAGE) and home != RUNTIME and not file_of(home, folder).is_file():
+            named = f"{PACKAGE}.{home}" if source == PACKAGE else source
+            raise SubsetError(module.path, node, f"there is no module {named}")
+
+
+def _refuse_unknown(program: Program, module: Module, node: ast.ImportFrom) -> None:
+    """Refuse an import of what a module of the firmware does not have."""
+    for alias in node.names:
+        home, _ = module.imported.get(alias.name, ("", ""))
+        if home == RUNTIME:
+            known: Collection[str] = WORDS
+        elif home:
+            there = program.modules[home]
+            known = {*there.constants, *there.functions, *there.records, *there.imported}
+        if home and alias.name not in known:
+            raise SubsetError(module.path, node, f"{node.module} has no {alias.name}")
 
 
 def _top_level(program: Program, module: Module, node: ast.stmt) -> None:

@@ -5,7 +5,7 @@ Nothing is imported or run: :mod:`codegen.subset.parse` reads the sources into t
 
 import ast
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import prod
@@ -274,13 +274,18 @@ def statements(node: ast.FunctionDef) -> list[ast.stmt]:
 
 def assigned(node: ast.AST) -> set[str]:
     """Names that ``node`` assigns, but where it declares them."""
-    names = set()
+    found = set()
     for inner in ast.walk(node):
         targets = inner.targets if isinstance(inner, ast.Assign) else []
         if isinstance(inner, ast.AugAssign | ast.For):
             targets = [inner.target]
-        names |= {target.id for target in targets if isinstance(target, ast.Name)}
-    return names
+        found |= {target.id for target in targets if isinstance(target, ast.Name)}
+    return found
+
+
+def names(nodes: Iterable[ast.AST]) -> set[str]:
+    """All names in ``nodes``."""
+    return {n.id for node in nodes for n in ast.walk(node) if isinstance(n, ast.Name)}
 
 
 def base(node: ast.expr) -> ast.expr:

@@ -6,7 +6,7 @@ from itertools import product
 
 import pytest
 
-from codegen.c99 import runtime
+from codegen.c99.text import RUNTIME
 from codegen.operations.c_expression import C_TYPES, PRIMARY, Expression, fits, literal
 from codegen.operations.intervals import KINDS, Value
 from codegen.operations.table import INTRINSICS, OPERATORS, Operation
@@ -98,7 +98,7 @@ def test_c_computes_the_same_without_undefined_behaviour(tmp_path):
             call = f"f{k}({arguments}) != {c_number(row.fold(*numbers))}"
             calls.append(f'    if ({call}) return puts("{row.name}: {text} of {numbers}");')
     lines = [*functions, "int main(void) {", *calls, "    return 0;", "}", ""]
-    (tmp_path / "canroll_runtime.h").write_text(runtime.TEXT)
+    (tmp_path / RUNTIME.name).write_bytes(RUNTIME.read_bytes())
     (tmp_path / "rows.c").write_text("\n".join(lines))
     command = [native.compiler(), "-std=c99", "-w", "-fsanitize=undefined"]
     command += ["-fno-sanitize-recover=all", "rows.c", "-o", "rows"]

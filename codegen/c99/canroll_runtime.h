@@ -1,6 +1,3 @@
-"""The runtime header: what emitted C needs of the machine, and the helpers of intrinsics."""
-
-TEXT = """\
 /* What the firmware needs of the machine: fixed-width integers and operations on them. */
 #ifndef CANROLL_RUNTIME_H
 #define CANROLL_RUNTIME_H
@@ -185,4 +182,3 @@ static inline void canroll_set_word(void *record, int32_t k, int32_t v)
 }
 
 #endif
-"""

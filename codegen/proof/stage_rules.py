@@ -7,8 +7,6 @@ its loops end after a proved number of iterations.
 import ast
 from collections.abc import Iterator
 
-from codegen.generated.own_stage import NAME, STATE
-from codegen.operations.intervals import Value
 from codegen.operations.table import Access
 from codegen.proof.interpreter import UNROLLED
 from codegen.proof.prove import Proof
@@ -20,10 +18,11 @@ from codegen.subset.program import (
     Parameter,
     Program,
     SubsetError,
-    evaluate,
 )
 from codegen.subset.resolve import stored
 
+NAME = "stage"
+STATE = "Ecu"
 ESTIMATE = "x"
 """The field of the loop that a stage may change."""
 
@@ -44,8 +43,10 @@ def check(program: Program, proof: Proof) -> None:
                     name = f"{owner}.{field.name}"
                     rule = f"an interrupt writes {name}: use the inputs, such as roll_rate"
                     raise SubsetError(module.path, node, rule)
-            if isinstance(node, ast.For):
-                _refuse_long(program, function, node, proof)
+            if isinstance(node, ast.For) and proof.turns.get(node, 0) > UNROLLED:
+                rule = f"a loop of up to {proof.turns[node]} rounds"
+                rule = f"{rule}: limit it to {UNROLLED}, by a constant or clamp"
+                raise SubsetError(module.path, node, rule)
             if isinstance(node, ast.Compare):
                 _refuse_unscaled(program, function, node)
     for finding in proof.findings:
@@ -110,25 +111,3 @@ def _bare(program: Program, node: ast.expr, q: int) -> bool:
         case Constant(module=module, value=int(value)) if module == NAME:
             return 0 < abs(value) < 1 << (q // 2)
     return False
-
-
-def _refuse_long(program: Program, function: Function, node: ast.For, proof: Proof) -> None:
-    """Refuse a loop that is not shown to end within the iterations followed by the proof."""
-    module = program.modules[function.module]
-    assert isinstance(node.iter, ast.Call)
-    bounds = [proof.seen.get(argument) for argument in node.iter.args]
-    if any(bound is None for bound in bounds):
-        return
-    ranges = [bound for bound in bounds if bound is not None]
-    first, last = (Value(0, 0), ranges[0]) if len(ranges) == 1 else (ranges[0], ranges[1])
-    step = 1
-    if len(ranges) == 3:
-        given = evaluate(program, module, node.iter.args[2])
-        assert isinstance(given, int)
-        step = given
-    rounds = (
-        len(range(first.lo, last.hi, step)) if step > 0 else len(range(first.hi, last.lo, step))
-    )
-    if rounds > UNROLLED:
-        rule = f"a loop of up to {rounds} rounds: limit it to {UNROLLED}, by a constant or clamp"
-        raise SubsetError(module.path, node, rule)
