@@ -15,7 +15,17 @@ from typing import Literal
 from codegen.c99 import kept
 from codegen.c99.function import Body
 from codegen.c99.linkage import PUBLIC_NUMBERS, PUBLIC_TABLES, Home, Names, linkage
-from codegen.c99.text import CLOSE_C, OPEN_C, RUNTIME, WIDTH, broken, comment, declaration, plain
+from codegen.c99.text import (
+    CLOSE_C,
+    OPEN_C,
+    RUNTIME,
+    WIDTH,
+    broken,
+    comment,
+    comments_of,
+    declaration,
+    plain,
+)
 from codegen.operations.c_expression import C_TYPES, PRIMARY, literal
 from codegen.operations.table import Access
 from codegen.proof.interpreter import Interpreter
@@ -123,7 +133,7 @@ class Emitter:
                 continue
             if constant.line > last + 1 or constant.line - 1 in module.comments:
                 yield ""
-                yield from _above(module, constant)
+                yield from comments_of(module.comments, [constant.line - 1])
             last = constant.end_line
             if constant.type.shape:
                 storage = "extern const" if home == "header" else "static const"
@@ -151,10 +161,7 @@ class Emitter:
         yield "typedef struct {"
         last = record.line
         for its in record.fields.values():
-            for line in range(last + 1, its.line):
-                own, text = module.comments.get(line, (False, ""))
-                if own:
-                    yield from comment(text, "    ")
+            yield from comments_of(module.comments, range(last + 1, its.line), "    ")
             last = its.line
             qualifier = "volatile " if its.volatile else ""
             field = declaration(its.type.kind, its.name, its.type.shape)
@@ -222,7 +229,8 @@ class Emitter:
         for constant in module.constants.values():
             if self._home(constant) == function.key:
                 table = self._table(constant, "static const", body=True)
-                lines += [*_above(module, constant, "    "), *(f"    {line}" for line in table)]
+                lines += comments_of(module.comments, [constant.line - 1], "    ")
+                lines += [f"    {line}" for line in table]
         body = Body(self.program, self.names, self.seen, module, function)
         # a size is a literal in C
         sizes = {
@@ -239,12 +247,6 @@ class Emitter:
 def record_name(name: str) -> str:
     """The C type of a record class."""
     return f"canroll_{name.lower()}"
-
-
-def _above(module: Module, constant: Constant, indent: str = "") -> list[str]:
-    """The comment on the line above a constant."""
-    alone, text = module.comments.get(constant.line - 1, (False, ""))
-    return comment(text, indent) if alone else []
 
 
 def _described(meaning: str, unit: str, q: int) -> str:

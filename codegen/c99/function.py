@@ -4,7 +4,7 @@ import ast
 from collections.abc import Iterable, Iterator, Mapping
 
 from codegen.c99.linkage import Names
-from codegen.c99.text import broken, comment, plain
+from codegen.c99.text import broken, comments_of, plain
 from codegen.operations.c_expression import (
     BOTH,
     C_TYPES,
@@ -68,17 +68,18 @@ class Body:
     def block(self, statements: Iterable[ast.stmt], indent: str) -> Iterator[str]:
         """Statements in order, each with the comments above and beside it."""
         for node in statements:
-            for line in range(self.line + 1, node.lineno):
-                own, text = self.module.comments.get(line, (False, ""))
-                if own:
-                    yield from comment(text, indent)
-            self.line = node.lineno
+            yield from self.comments_above(node, indent)
             texts = list(self.statement(node, indent))
             own, text = self.module.comments.get(node.lineno, (True, ""))
             if not own:
                 texts[0] += f" /* {plain(text)} */"
             yield from texts
             self.line = max(self.line, node.end_lineno or node.lineno)
+
+    def comments_above(self, node: ast.stmt, indent: str) -> Iterator[str]:
+        """The comments between the last statement and ``node``."""
+        yield from comments_of(self.module.comments, range(self.line + 1, node.lineno), indent)
+        self.line = node.lineno
 
     def statement(self, node: ast.stmt, indent: str) -> Iterator[str]:
         """One statement."""
@@ -121,11 +122,7 @@ class Body:
         yield f"{indent}{keyword} ({self.truth(node.test).text}) {{"
         yield from self.block(node.body, indent + "    ")
         if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
-            for line in range(self.line + 1, node.orelse[0].lineno):
-                own, text = self.module.comments.get(line, (False, ""))
-                if own:
-                    yield from comment(text, indent + "    ")
-            self.line = node.orelse[0].lineno
+            yield from self.comments_above(node.orelse[0], indent + "    ")
             yield from self.condition(node.orelse[0], indent, "} else if")
             return
         if node.orelse:

@@ -1,6 +1,6 @@
 """C text: declarations, comments, line breaks."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from codegen.operations.c_expression import C_TYPES
@@ -54,6 +54,16 @@ def comment(text: str, indent: str = "") -> list[str]:
         return [f"{indent}/* {lines[0].strip()} */"]
     body = [f"{indent} * {line.strip()}".rstrip() for line in lines]
     return [f"{indent}/*", *body, f"{indent} */"]
+
+
+def comments_of(
+    comments: Mapping[int, tuple[bool, str]], lines: Iterable[int], indent: str = ""
+) -> Iterator[str]:
+    """The comments of a module that stand alone on some ``lines`` of it."""
+    for line in lines:
+        alone, text = comments.get(line, (False, ""))
+        if alone:
+            yield from comment(text, indent)
 
 
 def filled(words: Iterable[str], width: int = WIDTH) -> list[str]:

@@ -7,7 +7,7 @@ from itertools import product
 
 from codegen.operations import intervals as iv
 from codegen.operations.intervals import KINDS, Value
-from codegen.proof.abstract_state import Array, Element, Finding, Key, Reference, State, elements
+from codegen.proof.abstract_state import Array, Element, Finding, Key, Reference, State
 from codegen.subset.program import (
     CONST_RECORD,
     Constant,
@@ -16,6 +16,7 @@ from codegen.subset.program import (
     Member,
     Module,
     Program,
+    elements,
 )
 
 I64 = KINDS["i64"]

@@ -168,7 +168,7 @@ class Evaluator(Expressions):
         return [ast.Assign([place], value, lineno=0)]
 
     def _condition(self, node: ast.If, scope: Scope) -> tuple[list[ast.stmt], bool]:
-        test = self.condition(node.test, scope)
+        test = self.value(node.test, scope)
         told = fold.truth(test)
         if told is not None:
             return self._block(node.body if told else node.orelse, scope)

@@ -38,7 +38,7 @@ class Expressions(Places):
         """The copy of ``function`` for what is known of its arguments."""
 
     def value(self, node: ast.expr, scope: Scope) -> ast.expr:
-        """An expression with what is known folded in."""
+        """An expression or a condition with what is known folded in."""
         if isinstance(node, ast.Name) and node.id in scope.values:
             number = scope.constants.get(node.id)
             return scope.values[node.id] if number is None else fold.literal(number)
@@ -47,21 +47,6 @@ class Expressions(Places):
         if isinstance(node, ast.Call):
             return self._result(node, scope)
         return fold.mapped(node, lambda inner: self.value(inner, scope))
-
-    def condition(self, node: ast.expr, scope: Scope) -> ast.expr:
-        """A condition with what is known folded in."""
-        if isinstance(node, ast.BoolOp):
-            parts: list[ast.expr] = []
-            for each in node.values:
-                parts.append(self.condition(each, scope))
-                if fold.truth(parts[-1]) is isinstance(node.op, ast.Or):
-                    break
-            return fold.joined(node.op, parts)
-        if isinstance(node, ast.UnaryOp):
-            return fold.inverse(self.condition(node.operand, scope))
-        assert isinstance(node, ast.Compare)
-        left, right = self.value(node.left, scope), self.value(node.comparators[0], scope)
-        return fold.comparison(node.ops[0], left, right)
 
     def _result(self, node: ast.Call, scope: Scope) -> ast.expr:
         function = self.program.refs[node]

@@ -5,7 +5,7 @@ drop an operand is applied only where dropping it drops no effect.
 """
 
 import ast
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from codegen.operations.relations import RELATIONS
 from codegen.operations.table import INTRINSICS, OPERATORS, Access, Operation
@@ -86,8 +86,14 @@ def operation(op: ast.operator, a: ast.expr, b: ast.expr) -> ast.expr:
 
 
 def mapped(node: ast.expr, change: Callable[[ast.expr], ast.expr]) -> ast.expr:
-    """A number with ``change`` applied to its operands, folded again."""
+    """A number or a condition with ``change`` applied to its operands, folded again."""
     match node:
+        case ast.Compare(left=a, ops=[relation], comparators=[b]):
+            return comparison(relation, change(a), change(b))
+        case ast.BoolOp(op=junction, values=parts):
+            return joined(junction, (change(part) for part in parts))
+        case ast.UnaryOp(op=ast.Not(), operand=a):
+            return inverse(change(a))
         case ast.UnaryOp(operand=a):
             return negated(change(a))
         case ast.BinOp(left=a, op=op, right=b):
@@ -184,7 +190,7 @@ def inverse(node: ast.expr) -> ast.expr:
     return ast.UnaryOp(ast.Not(), node)
 
 
-def joined(op: ast.boolop, parts: Sequence[ast.expr]) -> ast.expr:
+def joined(op: ast.boolop, parts: Iterable[ast.expr]) -> ast.expr:
     """``and`` or ``or`` of conditions, evaluated from the left as far as needed."""
     deciding = isinstance(op, ast.Or)
     left: list[ast.expr] = []

@@ -144,8 +144,6 @@ def _test(node: ast.expr, ways: Ways) -> ast.expr:
     ever = ways.get(node)
     if ever is not None and ever[0] != ever[1] and fold.pure(node):
         return ast.Constant(ever[0])
-    if isinstance(node, ast.BoolOp):
-        return fold.joined(node.op, [_test(each, ways) for each in node.values])
-    if isinstance(node, ast.UnaryOp):
-        return fold.inverse(_test(node.operand, ways))
+    if isinstance(node, ast.BoolOp | ast.UnaryOp):
+        return fold.mapped(node, lambda each: _test(each, ways))
     return node

@@ -8,7 +8,7 @@ rule; the rules for function bodies are in :mod:`codegen.subset.rules`.
 import ast
 import io
 import tokenize
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from canroll.errors import CanrollError
@@ -29,6 +29,7 @@ from codegen.subset.program import (
     RecordField,
     SubsetError,
     Type,
+    elements,
     evaluate,
     file_of,
 )
@@ -189,7 +190,7 @@ def _constants(
     while isinstance(level, tuple):
         shape.append(len(level))
         level = level[0]
-    for element in _flat(known):
+    for _, element in elements(known):
         if not _fits(element, kind):
             raise SubsetError(module.path, target, f"{element} does not fit {kind}")
     module.constants[target.id] = Constant(
@@ -200,14 +201,6 @@ def _constants(
         target.lineno,
         max(target.lineno, statement.end_lineno or 0),
     )
-
-
-def _flat(value: Const) -> Iterator[int]:
-    if isinstance(value, int):
-        yield value
-    else:
-        for element in value:
-            yield from _flat(element)
 
 
 def _fits(value: int, kind: str) -> bool:

@@ -262,6 +262,15 @@ class Program:
         return there.constants.get(name) or there.functions.get(name)
 
 
+def elements(value: object, prefix: tuple[int, ...] = ()) -> Iterator[tuple[tuple[int, ...], int]]:
+    """The integers in nested tuples, each with its indices."""
+    if isinstance(value, tuple):
+        for i, inner in enumerate(value):
+            yield from elements(inner, (*prefix, i))
+    else:
+        yield prefix, int(value)  # type: ignore[call-overload]
+
+
 def is_scalar(its: Type) -> bool:
     """Whether a type is that of one number."""
     return its.kind != "record" and not its.shape

@@ -56,13 +56,6 @@ def folded(node, values):
     """``node`` rebuilt by the rules, with what ``values`` say of its names known."""
     if isinstance(node, ast.Name):
         return fold.literal(values[node.id]) if node.id in values else node
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
-        return fold.inverse(folded(node.operand, values))
-    if isinstance(node, ast.Compare):
-        sides = (folded(each, values) for each in (node.left, node.comparators[0]))
-        return fold.comparison(node.ops[0], *sides)
-    if isinstance(node, ast.BoolOp):
-        return fold.joined(node.op, [folded(each, values) for each in node.values])
     return fold.mapped(node, lambda inner: folded(inner, values))
 
 
