@@ -14,20 +14,20 @@ from typing import Literal
 
 from codegen.c99 import kept
 from codegen.c99.function import Body
-from codegen.c99.linkage import PUBLIC_NUMBERS, PUBLIC_TABLES, Names, linkage
+from codegen.c99.linkage import PUBLIC_NUMBERS, PUBLIC_TABLES, Home, Names, linkage
 from codegen.c99.text import (
-    C_TYPES,
     CLOSE_C,
     OPEN_C,
-    PRIMARY,
     RUNTIME,
     WIDTH,
     broken,
     comment,
+    comments_of,
     declaration,
-    literal,
     plain,
 )
+from codegen.operations.c_expression import C_TYPES, PRIMARY, literal
+from codegen.operations.table import Access
 from codegen.proof.interpreter import Interpreter
 from codegen.proof.prove import prove
 from codegen.subset import rules
@@ -40,7 +40,6 @@ from codegen.subset.program import (
     Module,
     Program,
     Record,
-    calls,
 )
 from codegen.subset.walk import walk
 
@@ -70,11 +69,11 @@ class Emitter:
     def __init__(self, program: Program) -> None:
         rules.check(program)
         self.program = program
-        self.analysis = Interpreter(program, proof=False)
+        analysis = Interpreter(program, proof=False)
         for function in program.functions():
-            self.analysis.run(function)
+            analysis.run(function)
         # whatever no entry point reaches is typed by its function alone
-        self.seen = {**self.analysis.seen, **prove(program).seen}
+        self.seen = {**analysis.seen, **prove(program).seen}
         self.linkage = linkage(program)
         self.names = Names(program, self.linkage.public)
 
@@ -82,7 +81,7 @@ class Emitter:
 
     def files(self) -> dict[str, str]:
         """All files, including the runtime header and the public header."""
-        found = {"canroll_runtime.h": RUNTIME, "canroll.h": self._public_header()}
+        found = {RUNTIME.name: RUNTIME.read_text("utf-8"), "canroll.h": self._public_header()}
         for module in self.program.modules.values():
             found[f"canroll_{module.name}.h"] = self._header(module)
             functions = [f for f in module.functions.values() if f.key in self.linkage.reachable]
@@ -125,15 +124,8 @@ class Emitter:
             declared = [*OPEN_C, *declared, *CLOSE_C]
         return "\n".join([*lines, *declared, "", "#endif", ""])
 
-    def _home(self, constant: Constant) -> Literal["header", "source", "function", "none"]:
-        """Where a constant is declared; a table of the header is defined in the source."""
-        key = (constant.module, constant.name)
-        if key in self.linkage.homes:
-            return "function"
-        if key in self.linkage.idle:
-            return "none"
-        public = bool(constant.type.shape) and constant.module == PUBLIC_TABLES
-        return "header" if public or key in self.linkage.shared else "source"
+    def _home(self, constant: Constant) -> Home:
+        return self.linkage.homes[constant.module, constant.name]
 
     def _constants(self, module: Module, home: Literal["header", "source"]) -> Iterator[str]:
         last = -2
@@ -142,9 +134,7 @@ class Emitter:
                 continue
             if constant.line > last + 1 or constant.line - 1 in module.comments:
                 yield ""
-                own, text = module.comments.get(constant.line - 1, (False, ""))
-                if own:
-                    yield from comment(text)
+                yield from comments_of(module.comments, [constant.line - 1])
             last = constant.end_line
             if constant.type.shape:
                 storage = "extern const" if home == "header" else "static const"
@@ -172,10 +162,7 @@ class Emitter:
         yield "typedef struct {"
         last = record.line
         for its in record.fields.values():
-            for line in range(last + 1, its.line):
-                own, text = module.comments.get(line, (False, ""))
-                if own:
-                    yield from comment(text, "    ")
+            yield from comments_of(module.comments, range(last + 1, its.line), "    ")
             last = its.line
             qualifier = "volatile " if its.volatile else ""
             field = declaration(its.type.kind, its.name, its.type.shape)
@@ -185,7 +172,7 @@ class Emitter:
             yield "#endif"
 
     def _prototype(self, function: Function) -> str:
-        written = self.analysis.writers.get(function.key, frozenset())
+        written = self.program.writers.get(function.key, frozenset())
         parameters = []
         for name, its in function.parameters.items():
             const = "" if name in written else "const "
@@ -225,7 +212,7 @@ class Emitter:
         seen: set[tuple[str, str]] = set()
         early: dict[tuple[str, str], Function] = {}
         for function in functions:
-            for called in calls(self.program, function):
+            for called in self.program.calls(function):
                 if called.key not in self.linkage.shared and called.key not in seen | {
                     function.key
                 }:
@@ -241,18 +228,16 @@ class Emitter:
         lines += broken(self._prototype(function))
         lines.append("{")
         for constant in module.constants.values():
-            if self.linkage.homes.get((module.name, constant.name)) == function.key:
-                own, text = module.comments.get(constant.line - 1, (False, ""))
-                lines += comment(text, "    ") if own else []
+            if self._home(constant) == function.key:
                 table = self._table(constant, "static const", body=True)
+                lines += comments_of(module.comments, [constant.line - 1], "    ")
                 lines += [f"    {line}" for line in table]
         body = Body(self.program, self.names, self.seen, module, function)
         # a size is a literal in C
         sizes = {
-            call.args[0]
-            for call in walk(function.node)
-            if isinstance(call, ast.Call)
-            and self.program.intrinsic(module, call.func) == "bytes_of"
+            node.args[0]
+            for node, ref in self.program.references(function)
+            if isinstance(node, ast.Call) and isinstance(ref, Access) and ref.effect == "size"
         }
         used = {n.id for n in walk(function.node) if isinstance(n, ast.Name) and n not in sizes}
         lines += [f"    (void){name};" for name in function.parameters if name not in used]

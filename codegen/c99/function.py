@@ -3,9 +3,9 @@
 import ast
 from collections.abc import Iterable, Iterator, Mapping
 
-from codegen.c99.intrinsics import intrinsic
 from codegen.c99.linkage import Names
-from codegen.c99.text import (
+from codegen.c99.text import broken, comments_of, plain
+from codegen.operations.c_expression import (
     BOTH,
     C_TYPES,
     EITHER,
@@ -13,28 +13,28 @@ from codegen.c99.text import (
     UNARY,
     Expression,
     binary,
-    broken,
-    comment,
     converted,
     fits,
     literal,
-    plain,
     signed,
     widened,
 )
-from codegen.proof.expressions import ARITHMETIC
-from codegen.proof.intervals import Value
-from codegen.subset.effects import local_kinds
-from codegen.subset.program import MEMORY, Function, Module, Program, SubsetError, evaluate
-
-COMPARISONS = {
-    ast.Lt: "<",
-    ast.LtE: "<=",
-    ast.Gt: ">",
-    ast.GtE: ">=",
-    ast.Eq: "==",
-    ast.NotEq: "!=",
-}
+from codegen.operations.intervals import Value
+from codegen.operations.relations import RELATIONS
+from codegen.operations.table import OPERATORS, Access, Operation
+from codegen.subset.program import (
+    Constant,
+    Function,
+    Local,
+    Member,
+    Module,
+    Parameter,
+    Program,
+    SubsetError,
+    Type,
+    is_scalar,
+    statements,
+)
 
 
 class Body:
@@ -44,7 +44,7 @@ class Body:
         self,
         program: Program,
         names: Names,
-        seen: Mapping[int, Value],
+        seen: Mapping[ast.AST, Value],
         module: Module,
         function: Function,
     ) -> None:
@@ -52,7 +52,7 @@ class Body:
         self.names = names
         self.module = module
         self.function = function
-        self.kinds = local_kinds(function)
+        self.refs = program.refs
         self.counters: dict[str, str] = {}
         first = function.node.body[0]
         self.line = first.lineno - 1
@@ -60,20 +60,15 @@ class Body:
 
     def lines(self) -> list[str]:
         """All lines between the braces."""
-        statements = self.function.node.body
-        if ast.get_docstring(self.function.node) is not None:
-            self.line = statements[0].end_lineno or self.line
-            statements = statements[1:]
-        return [part for line in self.block(statements, "    ") for part in broken(line)]
+        node = self.function.node
+        if ast.get_docstring(node) is not None:
+            self.line = node.body[0].end_lineno or self.line
+        return [part for line in self.block(statements(node), "    ") for part in broken(line)]
 
     def block(self, statements: Iterable[ast.stmt], indent: str) -> Iterator[str]:
         """Statements in order, each with the comments above and beside it."""
         for node in statements:
-            for line in range(self.line + 1, node.lineno):
-                own, text = self.module.comments.get(line, (False, ""))
-                if own:
-                    yield from comment(text, indent)
-            self.line = node.lineno
+            yield from self.comments_above(node, indent)
             texts = list(self.statement(node, indent))
             own, text = self.module.comments.get(node.lineno, (True, ""))
             if not own:
@@ -81,13 +76,18 @@ class Body:
             yield from texts
             self.line = max(self.line, node.end_lineno or node.lineno)
 
+    def comments_above(self, node: ast.stmt, indent: str) -> Iterator[str]:
+        """The comments between the last statement and ``node``."""
+        yield from comments_of(self.module.comments, range(self.line + 1, node.lineno), indent)
+        self.line = node.lineno
+
     def statement(self, node: ast.stmt, indent: str) -> Iterator[str]:
         """One statement."""
         if isinstance(node, ast.AnnAssign):
-            assert isinstance(node.target, ast.Name) and node.value is not None
-            kind = ast.unparse(node.annotation)
+            assert node.value is not None
+            name, kind = self.target(node.target)
             text = self.stored(node, self.value(node.value), kind)
-            yield f"{indent}{C_TYPES[kind]} {node.target.id} = {text};"
+            yield f"{indent}{C_TYPES[kind]} {name} = {text};"
         elif isinstance(node, ast.Assign):
             target, kind = self.target(node.targets[0])
             yield f"{indent}{target} = {self.stored(node, self.value(node.value), kind)};"
@@ -112,23 +112,17 @@ class Body:
 
     def returns(self, node: ast.expr) -> bool:
         """Whether the call in an expression statement returns a value, which C must discard."""
-        if not isinstance(node, ast.Call):
-            return False
-        if self.program.intrinsic(self.module, node.func) == "clear":
-            return False
-        called = self.program.function(self.module, node.func)
-        return called is None or called.result is not None
+        match self.refs.get(node):
+            case Function(result=None) | Access(effect="clear"):
+                return False
+        return isinstance(node, ast.Call)
 
     def condition(self, node: ast.If, indent: str, keyword: str) -> Iterator[str]:
         """An if with its else-ifs and else."""
         yield f"{indent}{keyword} ({self.truth(node.test).text}) {{"
         yield from self.block(node.body, indent + "    ")
         if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
-            for line in range(self.line + 1, node.orelse[0].lineno):
-                own, text = self.module.comments.get(line, (False, ""))
-                if own:
-                    yield from comment(text, indent + "    ")
-            self.line = node.orelse[0].lineno
+            yield from self.comments_above(node.orelse[0], indent + "    ")
             yield from self.condition(node.orelse[0], indent, "} else if")
             return
         if node.orelse:
@@ -146,11 +140,7 @@ class Body:
         counter = name if name != "_" else f"turn{len(self.counters) or ''}"
         bounds = [converted(self.value(bound), "i32") for bound in node.iter.args]
         start, stop = (literal(0), bounds[0]) if len(bounds) == 1 else (bounds[0], bounds[1])
-        step = 1
-        if len(node.iter.args) == 3:
-            given = evaluate(self.program, self.module, node.iter.args[2])
-            assert isinstance(given, int)
-            step = given
+        step = bounds[2].value.lo if len(bounds) == 3 else 1
         advance = {1: f"{counter}++", -1: f"{counter}--"}.get(step, f"{counter} += {step}")
         compare = "<" if step > 0 else ">"
         yield (
@@ -166,9 +156,9 @@ class Body:
         """An assignment like +=, written out where C would narrow its result."""
         target, kind = self.target(node.target)
         before, operand = self.value(node.target), self.value(node.value)
-        operator = ARITHMETIC[type(node.op)]
-        value = self.seen[id(node)]
-        result = self.operation(operator, before, operand, value)
+        operation = OPERATORS[type(node.op)]
+        operator = operation.name
+        result = operation.c(self.seen[node], before, operand)
         stored = self.stored(node, result, kind)
         whole = kind == "i64" or (kind == "i32" and not result.wide)
         simple = operator in "+-*&|^" and whole
@@ -180,33 +170,30 @@ class Body:
 
     def stored(self, node: ast.AST, e: Expression, kind: str) -> str:
         """``e`` converted for storage as ``kind``; refused where it may not fit."""
+        return self.fitted(node, e, kind).text
+
+    def fitted(self, node: ast.AST, e: Expression, kind: str) -> Expression:
+        """``e`` as ``kind``; refused where it may not fit."""
         if not fits(e.value, kind):
             rule = f"{e.value} may not fit {kind}: use clamp, sat32 or narrow"
             raise SubsetError(self.module.path, node, rule)
-        return converted(e, kind).text
+        return converted(e, kind)
 
     def target(self, node: ast.expr) -> tuple[str, str]:
-        """C text and kind of an assignment target."""
-        if isinstance(node, ast.Name):
-            return node.id, self.kinds[node.id]
-        return self.place(node)
-
-    def place(self, node: ast.expr) -> tuple[str, str]:
-        """C text and element kind of a field, an element, an array or a row of one."""
+        """C text and kind of a local, a field, an element, an array or a row of one."""
         if isinstance(node, ast.Subscript):
-            base, kind = self.place(node.value)
+            base, kind = self.target(node.value)
             index = self.value(node.slice)
             index = converted(index, "i32") if index.wide else index
             return f"{base}[{index.text}]", kind
-        constant = self.program.constant(self.module, node)
-        if constant is not None:
-            return self.names.constant(constant), constant.type.kind
-        if isinstance(node, ast.Attribute):
-            assert isinstance(node.value, ast.Name)
-            record = self.program.record(self.function.parameters[node.value.id].record)
-            return f"{node.value.id}->{node.attr}", record.fields[node.attr].type.kind
-        assert isinstance(node, ast.Name)
-        return node.id, self.function.parameters[node.id].kind
+        match self.refs[node]:
+            case Constant() as constant:
+                return self.names.constant(constant), constant.type.kind
+            case Member(owner=owner, field=field):
+                return f"{owner}->{field.name}", field.type.kind
+            case Local(name=name, kind=kind) | Parameter(name=name, type=Type(kind=kind)):
+                return name, kind
+        raise AssertionError(ast.unparse(node))
 
     # expressions
 
@@ -221,36 +208,25 @@ class Body:
             return Expression(f"!({self.truth(node.operand).text})", UNARY, "i32", either)
         assert isinstance(node, ast.Compare)
         left, right = self.value(node.left), self.value(node.comparators[0])
-        operator = COMPARISONS[type(node.ops[0])]
-        return binary(operator, left, right, either)
+        return binary(RELATIONS[type(node.ops[0])].sign, left, right, either)
 
     def value(self, node: ast.expr) -> Expression:
         """An integer expression."""
-        seen = self.seen.get(id(node), Value(0, 0))
+        seen = self.seen.get(node, Value(0, 0))
         if isinstance(node, ast.Constant):
             return literal(int(node.value))  # type: ignore[arg-type]
-        if isinstance(node, ast.Name) and (node.id in self.kinds or node.id in self.counters):
-            return Expression(node.id, PRIMARY, self.kinds.get(node.id, "i32"), seen)
-        if isinstance(node, ast.Name | ast.Attribute):
-            limit = self.program.limit(self.module, node)
-            constant = self.program.constant(self.module, node)
-            if limit is not None:
-                name = ast.unparse(node).split(".")[-1]
-                wide = name.startswith("I64")
-                text = name.replace("I32", "INT32").replace("I64", "INT64")
-                return Expression(text, PRIMARY, "i64" if wide else "literal", seen)
-            if constant is not None and isinstance(constant.value, int):
-                exact = Value(constant.value, constant.value)
-                kind = "literal" if fits(exact, "i32") else "i64"
-                return Expression(self.names.constant(constant), PRIMARY, kind, exact)
-        if isinstance(node, ast.Attribute | ast.Subscript):
-            text, kind = self.place(node)
+        if isinstance(node, ast.Name | ast.Attribute | ast.Subscript):
+            text, kind = self.target(node)
+            match self.refs[node]:
+                case Constant(value=int(number)):
+                    seen = Value(number, number)
+                    kind = "literal" if fits(seen, "i32") else "i64"
             return Expression(text, PRIMARY, kind, seen)
         if isinstance(node, ast.UnaryOp):
             return self.negated(node, seen)
         if isinstance(node, ast.BinOp):
-            operator = ARITHMETIC[type(node.op)]
-            return self.operation(operator, self.value(node.left), self.value(node.right), seen)
+            sides = self.value(node.left), self.value(node.right)
+            return OPERATORS[type(node.op)].c(seen, *sides)
         assert isinstance(node, ast.Call)
         return self.call(node, seen)
 
@@ -266,57 +242,44 @@ class Body:
         inner = f"({inner})" if inner.startswith("-") else inner
         return Expression(f"-{inner}", UNARY, kind, seen)
 
-    def operation(self, operator: str, a: Expression, b: Expression, value: Value) -> Expression:
-        """A binary operation; a left shift of a possibly negative value becomes a product."""
-        unsigned_shift = a.kind == "u32" and fits(value, "u32")
-        # C leaves open what a shift by the width of its operand does
-        far = operator in ("<<", ">>") and b.value.hi >= 32 and not a.wide
-        if operator == ">>" and far:
-            return binary(operator, widened(a), b, value)
-        narrow = a.value.lo >= 0 and fits(value, "i32") and not far
-        if operator == "<<" and not narrow and (far or not unsigned_shift):
-            count = f"((int64_t)1 << {b.inside(PRIMARY)})"
-            if a.kind == "literal" and a.value == Value(1, 1):
-                return Expression(count, PRIMARY, "i64", value)
-            factor = Expression(count, PRIMARY, "i64", Value(1 << b.value.lo, 1 << b.value.hi))
-            return binary("*", a, factor, value)
-        return binary(operator, a, b, value)
-
     def call(self, node: ast.Call, seen: Value) -> Expression:
         """A call of a function of the firmware or of an intrinsic."""
-        name = self.program.intrinsic(self.module, node.func)
-        if name == "clear":
-            record = ast.unparse(node.args[0])
-            text = f"canroll_clear({record}, (uint32_t)sizeof(*{record}))"
-            return Expression(text, PRIMARY, "i32", seen)
-        if name == "bytes_of":
+        match self.refs[node]:
+            case Access() as access:
+                return self.access(node, access, seen)
+            case Operation() as operation:
+                first, *rest = (self.value(argument) for argument in node.args)
+                kinds = operation.operands[1:]
+                rest = [
+                    e if kind == "i64" else self.fitted(node, e, kind)
+                    for e, kind in zip(rest, kinds, strict=True)
+                ]
+                return operation.c(seen, first, *rest)
+            case Function() as called:
+                pairs = zip(node.args, called.parameters.values(), strict=True)
+                texts = [
+                    self.stored(argument, self.value(argument), its.kind)
+                    if is_scalar(its)
+                    else self.target(argument)[0]
+                    for argument, its in pairs
+                ]
+                text = f"{self.names.function(called)}({', '.join(texts)})"
+                return Expression(text, PRIMARY, called.result or "i32", seen)
+        raise AssertionError(ast.unparse(node))
+
+    def access(self, node: ast.Call, access: Access, seen: Value) -> Expression:
+        """A record read or written as memory."""
+        given = self.refs[node.args[0]]
+        assert isinstance(given, Parameter)
+        name = given.name
+        if access.effect == "size":
             return literal(seen.lo)
-        if name in ("set_octet", "set_word"):
-            record = ast.unparse(node.args[0])
-            index = self.stored(node, self.value(node.args[1]), "i32")
-            kind = "u8" if name == "set_octet" else "i32"
-            value = self.stored(node, self.value(node.args[2]), kind)
-            return Expression(f"canroll_{name}({record}, {index}, {value})", PRIMARY, "i32", seen)
-        if name in MEMORY:
-            index = self.stored(node, self.value(node.args[1]), "i32")
-            given = self.function.parameters[ast.unparse(node.args[0])]
-            fields = self.program.record(given.record).fields.values()
-            shared = "shared_" if any(each.volatile for each in fields) else ""
-            text = f"canroll_{shared}{name}({ast.unparse(node.args[0])}, {index})"
-            return Expression(text, PRIMARY, MEMORY[name], seen)
-        if name is not None:
-            a = [self.value(argument) for argument in node.args]
-            bounds = [] if name == "tdiv" else [self.stored(node, e, "i32") for e in a[1:]]
-            return intrinsic(name, a, bounds, seen)
-        called = self.program.function(self.module, node.func)
-        assert called is not None
-        texts = []
-        for argument, its in zip(node.args, called.parameters.values(), strict=True):
-            if its.kind == "record":
-                texts.append(ast.unparse(argument))
-            elif its.shape:
-                texts.append(self.place(argument)[0])
-            else:
-                texts.append(self.stored(argument, self.value(argument), its.kind))
-        text = f"{self.names.function(called)}({', '.join(texts)})"
-        return Expression(text, PRIMARY, called.result or "i32", seen)
+        if access.effect == "clear":
+            texts, shared = [f"(uint32_t)sizeof(*{name})"], False
+        else:
+            pairs = zip(node.args[1:], access.operands, strict=True)
+            texts = [self.stored(node, self.value(argument), kind) for argument, kind in pairs]
+            fields = self.program.record(given.type.record).fields.values()
+            shared = access.effect == "read" and any(each.volatile for each in fields)
+        text = f"canroll_{'shared_' if shared else ''}{access.name}({', '.join([name, *texts])})"
+        return Expression(text, PRIMARY, access.element, seen)

@@ -25,7 +25,7 @@ def _stamp() -> bytes:
     """Return the hash of the firmware as checked in and of its translator."""
     digest = hashlib.sha256(sys.version.encode())
     for folder in (FIRMWARE, TRANSLATOR):
-        for path in sorted(folder.rglob("*.py")):
+        for path in sorted((*folder.rglob("*.py"), *folder.rglob("*.h"))):
             digest.update(path.read_bytes())
     return digest.digest()
 

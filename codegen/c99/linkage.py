@@ -1,12 +1,20 @@
 """C linkage: names, public, shared and static symbols, volatile arrays."""
 
 import ast
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from codegen.proof.prove import entry_points
-from codegen.subset.program import Constant, Function, Module, Program, calls
-from codegen.subset.walk import walk
+from codegen.subset.program import (
+    RUNTIME,
+    Constant,
+    Function,
+    Member,
+    Parameter,
+    Program,
+    Ref,
+)
 
 PUBLIC_NUMBERS = "frames"
 """Module whose constants the users of the entry points need."""
@@ -14,7 +22,8 @@ PUBLIC_TABLES = "signals"
 """The module whose tables callers see."""
 
 Key = tuple[str, str]
-Begin = Callable[[Program, Function, ast.expr], bool]
+Home = Literal["header", "source", "none"] | Key
+"""Where a constant is declared: for the users of a module, in it, nowhere, in one function."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +37,8 @@ class Linkage:
         volatile: array parameters that receive a field which an interrupt may write.
         open: array parameters passed in by callers of entry points, which may be shorter than
             declared.
-        homes: the only function that uses a table, in which the table is then declared.
-        idle: tables that no function uses, which are left out.
+        homes: where each constant is declared: a table in the only function that uses it; a table
+            of the header is defined in the source.
     """
 
     public: dict[Key, str]
@@ -37,8 +46,7 @@ class Linkage:
     shared: frozenset[Key]
     volatile: frozenset[tuple[Key, str]]
     open: frozenset[tuple[Key, str]]
-    homes: dict[Key, Key]
-    idle: frozenset[Key]
+    homes: Mapping[Key, Home]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +62,8 @@ class Names:
 
     def constant(self, constant: Constant) -> str:
         """The C name of a constant, with its module's name where another module has the same."""
+        if constant.module == RUNTIME:
+            return constant.name.replace("I32", "INT32").replace("I64", "INT64")
         homes = [m for m in self.program.modules.values() if constant.name in m.constants]
         middle = f"{constant.module}_" if len(homes) > 1 or constant.type.shape else ""
         name = f"canroll_{middle}{constant.name}"
@@ -64,7 +74,13 @@ def linkage(program: Program) -> Linkage:
     """Return the linkage of ``program``."""
     public = {f.key: _public_name(program, f) for f in entry_points(program)}
     reachable = _reachable(program, public)
-    shared = _shared(program, public, reachable)
+    users = _users(program, reachable)
+    shared = set(public) | {
+        key for key, functions in users.items() if any(f[0] != key[0] for f in functions)
+    }
+    for module in program.modules.values():
+        if module.records or module.name == PUBLIC_NUMBERS:
+            shared |= {(module.name, name) for name in module.constants}
     given = {
         (function.key, name)
         for function in program.functions()
@@ -72,22 +88,14 @@ def linkage(program: Program) -> Linkage:
         for name, its in function.parameters.items()
         if its.shape
     }
-    volatile = _passed_on(program, set(), _is_volatile)
-    used = _users(program, reachable)
-    hidden = {
-        (module.name, name)
-        for module in program.modules.values()
-        for name, constant in module.constants.items()
-        if constant.type.shape and module.name != PUBLIC_TABLES
-    } - shared
     homes = {
-        table: next(iter(functions))
-        for table, functions in used.items()
-        if len(functions) == 1 and table in hidden
+        (constant.module, constant.name): _home(constant, shared, users)
+        for module in program.modules.values()
+        for constant in module.constants.values()
     }
-    idle = frozenset(hidden - used.keys())
-    opened = _passed_on(program, given, _never)
-    return Linkage(public, reachable, shared, volatile, opened, homes, idle)
+    volatile = _passed_on(program, set(), _is_volatile)
+    opened = _passed_on(program, given, lambda ref: False)
+    return Linkage(public, reachable, frozenset(shared), volatile, opened, homes)
 
 
 def _public_name(program: Program, function: Function) -> str:
@@ -97,18 +105,27 @@ def _public_name(program: Program, function: Function) -> str:
 
 
 def _users(program: Program, reachable: frozenset[Key]) -> dict[Key, set[Key]]:
-    """The functions that use each table, by table."""
+    """The reachable functions that use each function and constant."""
     users: dict[Key, set[Key]] = {}
     for function in program.functions():
-        if function.key not in reachable:
-            continue
-        module = program.modules[function.module]
-        for node in walk(function.node):
-            if isinstance(node, ast.Name | ast.Attribute):
-                constant = program.constant(module, node)
-                if constant is not None and constant.type.shape:
-                    users.setdefault((constant.module, constant.name), set()).add(function.key)
+        if function.key in reachable:
+            for _, ref in program.references(function):
+                if isinstance(ref, Function | Constant):
+                    users.setdefault((ref.module, ref.name), set()).add(function.key)
     return users
+
+
+def _home(constant: Constant, shared: Collection[Key], users: Mapping[Key, set[Key]]) -> Home:
+    key = (constant.module, constant.name)
+    table = bool(constant.type.shape)
+    if key in shared or (table and constant.module == PUBLIC_TABLES):
+        return "header"
+    if not table:
+        return "source"
+    functions = users.get(key, set())
+    if not functions:
+        return "none"
+    return next(iter(functions)) if len(functions) == 1 else "source"
 
 
 def _reachable(program: Program, public: dict[Key, str]) -> frozenset[Key]:
@@ -118,86 +135,31 @@ def _reachable(program: Program, public: dict[Key, str]) -> frozenset[Key]:
         function = todo.pop()
         if function.key not in found:
             found.add(function.key)
-            todo += calls(program, function)
+            todo += program.calls(function)
     return frozenset(found)
-
-
-def _shared(program: Program, public: dict[Key, str], reachable: frozenset[Key]) -> frozenset[Key]:
-    found = set(public)
-    for module in program.modules.values():
-        bodies: list[ast.stmt] = [f.node for f in module.functions.values() if f.key in reachable]
-        for node in walk(ast.Module(bodies, [])):
-            if isinstance(node, ast.Name | ast.Attribute):
-                found |= _foreign(program, module, node)
-        if module.records or module.name == PUBLIC_NUMBERS:
-            found |= {(module.name, name) for name in module.constants}
-    return frozenset(found)
-
-
-def _foreign(program: Program, module: Module, node: ast.expr) -> set[Key]:
-    """The function or constant of another module that ``node`` names."""
-    function = program.function(module, node)
-    if function is not None and function.module != module.name:
-        return {function.key}
-    constant = program.constant(module, node)
-    if constant is not None and constant.module != module.name:
-        return {(constant.module, constant.name)}
-    return set()
 
 
 def _passed_on(
-    program: Program, found: set[tuple[Key, str]], begins: Begin
+    program: Program, found: set[tuple[Key, str]], begins: Callable[[Ref], bool]
 ) -> frozenset[tuple[Key, str]]:
     """``found`` with all array parameters that receive one of them or satisfy ``begins``."""
-    grown = True
-    while grown:
+    passed = [
+        ((called.key, name), function.key, program.refs[argument])
+        for function in program.functions()
+        for node, called in program.references(function)
+        if isinstance(node, ast.Call) and isinstance(called, Function)
+        for (name, its), argument in zip(called.parameters.items(), node.args, strict=True)
+        if its.shape
+    ]
+    before = -1
+    while before < len(found):
         before = len(found)
-        for function in program.functions():
-            for node in walk(function.node):
-                if isinstance(node, ast.Call):
-                    found |= _arguments(program, function, node, found, begins)
-        grown = len(found) > before
+        for taken, function, given in passed:
+            further = isinstance(given, Parameter) and (function, given.name) in found
+            if further or begins(given):
+                found.add(taken)
     return frozenset(found)
 
 
-def _arguments(
-    program: Program,
-    function: Function,
-    node: ast.Call,
-    found: set[tuple[Key, str]],
-    begins: Begin,
-) -> set[tuple[Key, str]]:
-    called = program.function(program.modules[function.module], node.func)
-    if called is None:
-        return set()
-    arguments = zip(called.parameters.items(), node.args, strict=True)
-    return {
-        (called.key, name)
-        for (name, its), argument in arguments
-        if its.shape
-        and (_base(function, argument) in found or begins(program, function, _array(argument)))
-    }
-
-
-def _array(node: ast.expr) -> ast.expr:
-    """The array of which ``node`` is an element or a row."""
-    while isinstance(node, ast.Subscript):
-        node = node.value
-    return node
-
-
-def _base(function: Function, node: ast.expr) -> tuple[Key, str] | None:
-    array = _array(node)
-    return (function.key, array.id) if isinstance(array, ast.Name) else None
-
-
-def _is_volatile(program: Program, function: Function, node: ast.expr) -> bool:
-    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-        owner = function.parameters.get(node.value.id)
-        if owner is not None and owner.kind == "record":
-            return program.record(owner.record).fields[node.attr].volatile
-    return False
-
-
-def _never(program: Program, function: Function, node: ast.expr) -> bool:
-    return False
+def _is_volatile(ref: Ref) -> bool:
+    return isinstance(ref, Member) and ref.field.volatile

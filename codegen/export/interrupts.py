@@ -5,17 +5,16 @@ any field that the tick writes too, except the flags that hand over a frame.
 """
 
 import ast
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 from canroll.errors import CanrollError
+from codegen.operations.table import Access as Intrinsic
 from codegen.proof.prove import entry_points
-from codegen.subset.effects import stored, writers
 from codegen.subset.parse import load
-from codegen.subset.program import Function, Program, calls
+from codegen.subset.program import CONST_RECORD, Function, Member, Program, base
+from codegen.subset.resolve import stored
 
 STATE = "Ecu"
-CONST = "Calibration"
 HANDED_OVER = frozenset({"rx_fresh", "rx_own"})
 """Set by ``receive``, cleared by ``tick``: each a single byte."""
 
@@ -35,13 +34,10 @@ class Access:
 def accesses(program: Program | None = None) -> dict[str, Access]:
     """Fields accessed by each entry point, by its name."""
     program = program or load()
-    written = writers(program)
-    return {entry.name: _access(program, entry, written) for entry in entry_points(program)}
+    return {entry.name: _access(program, entry) for entry in entry_points(program)}
 
 
-def _access(
-    program: Program, entry: Function, written: dict[tuple[str, str], frozenset[str]]
-) -> Access:
+def _access(program: Program, entry: Function) -> Access:
     reads: set[str] = set()
     writes: set[str] = set()
     todo, done = [entry], set()
@@ -51,37 +47,16 @@ def _access(
         if function.key in done:
             continue
         done.add(function.key)
-        todo += calls(program, function)
-        calibrated |= any(its.record == CONST for its in function.parameters.values())
-        places = set(_fields_stored(program, function, written))
-        for node in ast.walk(function.node):
-            if (
-                isinstance(node, ast.Call)
-                and program.intrinsic(program.modules[function.module], node.func) == "clear"
-            ):
+        todo += program.calls(function)
+        calibrated |= any(its.record == CONST_RECORD for its in function.parameters.values())
+        # assigned, or passed to a function that writes its parameter
+        places = {base(target) for target in stored(program, ast.walk(function.node))}
+        for node, ref in program.references(function):
+            if isinstance(node, ast.Call) and isinstance(ref, Intrinsic) and ref.effect == "clear":
                 writes |= set(program.record(STATE).fields)
-            if _is_field(function, node):
-                assert isinstance(node, ast.Attribute)
-                (writes if node in places else reads).add(node.attr)
+            if isinstance(node, ast.Attribute) and isinstance(ref, Member) and ref.record == STATE:
+                (writes if node in places else reads).add(ref.field.name)
     return Access(frozenset(reads), frozenset(writes), calibrated)
-
-
-def _is_field(function: Function, node: ast.AST) -> bool:
-    if not (isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)):
-        return False
-    owner = function.parameters.get(node.value.id)
-    return owner is not None and owner.record == STATE
-
-
-def _fields_stored(
-    program: Program, function: Function, written: dict[tuple[str, str], frozenset[str]]
-) -> Iterator[ast.AST]:
-    """Yield fields that are assigned, or passed to a function that writes its parameter."""
-    for target in stored(program, function, written):
-        base = target
-        while isinstance(base, ast.Subscript):
-            base = base.value
-        yield base
 
 
 def check(program: Program | None = None) -> dict[str, Access]:

@@ -61,6 +61,8 @@ COMMANDS = ("suspension_force", "anti_roll_bar", "damper", "valve")
 OF_A_MAILBOX = ("message", "signals", "protection", "cycle_ms", *OVERRIDES)
 IN_TURN = "diagnostics"
 """The one mailbox that sends the pages of its frame in turn."""
+WORD = 8
+"""Bytes of a frame that are one number."""
 EXTENDED = 1 << 30
 
 
@@ -98,6 +100,23 @@ class Mailbox:
         fields = {signal.place.text for signal in self.signals}
         own = sum(1 << k for k, name in enumerate(VALID_BITS[self.slot]) if name in fields)
         return own or (REST if self.further else 0)
+
+    @property
+    def is_long(self) -> bool:
+        """Whether the frame needs more than one word."""
+        return self.length > WORD
+
+    @property
+    def frame_words(self) -> tuple[str, ...]:
+        """The locals that hold the words of the frame."""
+        if not self.is_long:
+            return ("frame",)
+        return tuple(f"frame_{word}" for word in range(-(-self.length // WORD)))
+
+    @property
+    def identified(self) -> str:
+        """Name and identifier of the frame."""
+        return f"{self.name} (0x{self.ident:X})"
 
     def count(self, payload: Sequence[int]) -> int:
         """The counter in a frame; 0 where it has none."""

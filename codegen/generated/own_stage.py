@@ -6,22 +6,24 @@ keep their place. Line numbers are preserved, so that messages name those of the
 """
 
 import ast
+import io
 import json
 import tempfile
-from collections.abc import Iterator, Mapping
+import tokenize
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from canroll import documents
 from canroll.errors import CanrollError, reason
+from codegen.proof import stage_rules
 from codegen.subset.parse import load
-from codegen.subset.program import FIRMWARE, Module, Record, SubsetError, copy_sources
+from codegen.subset.program import FIRMWARE, Module, RecordField, SubsetError, copy_sources
 from codegen.subset.rules import C_WORDS
 
-NAME = "stage"
+NAME, STATE = stage_rules.NAME, stage_rules.STATE
 FILE = f"{NAME}.py"
-STATE = "Ecu"
 MOST_CHARACTERS = 100_000
 IMPORTS = """
 from firmware.calibration import Calibration
@@ -91,47 +93,16 @@ def modules(stage: OwnStage) -> dict[str, str]:
     except (SyntaxError, ValueError) as error:
         line = getattr(error, "lineno", None) or 1
         raise SubsetError(path, line, getattr(error, "msg", str(error))) from error
-    _refuse_unknown_imports(path, tree)
     own = _record(path, tree)
-    found = _parsed(stage, own)
-    whole = _with_missing(stage.source, tree, path, found, own)
-    replaced = {FILE: _without_record(whole, tree, own)}
+    parsed = _parsed(stage)
+    replaced = {FILE: _without_record(_with_missing(stage, parsed, own), own)}
     if own is not None:
-        fields = found.records[own.name]
+        taken = load("state").record(STATE).fields
+        fields = [its for name, its in parsed.records[own.name].fields.items() if name not in taken]
         _refuse_fields(path, fields)
         state = (FIRMWARE / "state.py").read_text(encoding="utf-8")
         replaced["state.py"] = "\n".join([state.rstrip(), "", *_rows(fields, path), ""])
     return replaced
-
-
-def _refuse_unknown_imports(path: Path, tree: ast.Module) -> None:
-    for node in tree.body:
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("firmware."):
-            home = FIRMWARE.joinpath(*(node.module or "").split(".")[1:]).with_suffix(".py")
-            if not home.is_file():
-                raise SubsetError(path, node, f"there is no module {node.module}")
-            there = _names(home)
-            for alias in node.names:
-                if alias.name not in there:
-                    raise SubsetError(path, node, f"{node.module} has no {alias.name}")
-        elif isinstance(node, ast.ImportFrom) and node.module == "firmware":
-            for alias in node.names:
-                if not (FIRMWARE / f"{alias.name}.py").is_file():
-                    raise SubsetError(path, node, f"there is no module firmware.{alias.name}")
-
-
-def _names(path: Path) -> set[str]:
-    tree = ast.parse(path.read_text(encoding="utf-8-sig"))
-    found = set()
-    for node in tree.body:
-        if isinstance(node, ast.FunctionDef | ast.ClassDef):
-            found.add(node.name)
-        targets = node.targets if isinstance(node, ast.Assign) else []
-        if isinstance(node, ast.AnnAssign):
-            targets = [node.target]
-        for target in targets:
-            found |= {n.id for n in ast.walk(target) if isinstance(n, ast.Name)}
-    return found
 
 
 def _record(path: Path, tree: ast.Module) -> ast.ClassDef | None:
@@ -149,30 +120,21 @@ def _record(path: Path, tree: ast.Module) -> ast.ClassDef | None:
     return classes[0] if classes else None
 
 
-def _parsed(stage: OwnStage, own: ast.ClassDef | None) -> Module:
-    """The stage alone, its record without the base class."""
-    lines = stage.source.splitlines()
-    if own is not None:
-        base = own.bases[0]
-        row = lines[base.lineno - 1].encode()
-        opened = row.rindex(b"(", 0, base.col_offset)
-        closed = row.index(b")", base.end_col_offset)
-        lines[base.lineno - 1] = (row[:opened] + row[closed + 1 :]).decode()
+def _parsed(stage: OwnStage) -> Module:
+    """The stage alone, with the firmware's modules that it uses."""
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         copy_sources(folder)
-        (folder / FILE).write_text("\n".join([*lines, ""]), encoding="utf-8")
+        (folder / FILE).write_text(stage.source, encoding="utf-8")
         return load(NAME, folder, {NAME: stage.path}).modules[NAME]
 
 
-def _with_missing(
-    source: str, tree: ast.Module, path: Path, found: Module, own: ast.ClassDef | None
-) -> str:
+def _with_missing(stage: OwnStage, parsed: Module, own: ast.ClassDef | None) -> str:
     """The source with the firmware's functions where it defines none; refuse other signatures."""
     default = load(NAME).modules[NAME]
     missing = []
     for name, function in default.functions.items():
-        its = found.functions.get(name)
+        its = parsed.functions.get(name)
         if its is None:
             missing.append(ast.get_source_segment(default.source, function.node) or "")
             continue
@@ -184,33 +146,31 @@ def _with_missing(
         if kinds != right or its.result != function.result:
             signature = f"def {name}({ast.unparse(function.node.args)})"
             result = function.result or "None"
-            raise SubsetError(path, its.node, f"must be: {signature} -> {result}")
+            raise SubsetError(stage.path, its.node, f"must be: {signature} -> {result}")
     if len(missing) == len(default.functions):
         names = ", ".join(default.functions)
-        raise SubsetError(path, 1, f"a stage defines at least one of {names}")
-    return "\n\n".join([source.rstrip(), IMPORTS.strip(), *missing]) + "\n" if missing else source
+        raise SubsetError(stage.path, 1, f"a stage defines at least one of {names}")
+    if not missing:
+        return stage.source
+    return "\n\n".join([stage.source.rstrip(), IMPORTS.strip(), *missing]) + "\n"
 
 
-def _without_record(source: str, tree: ast.Module, own: ast.ClassDef | None) -> str:
-    """The source with its record's lines emptied and the firmware's record imported instead."""
+def _without_record(source: str, own: ast.ClassDef | None) -> str:
+    """The source with its record's lines emptied and the firmware's record in its place."""
     if own is None:
         return source
-    lines = [line.encode() for line in source.split("\n")]
-    inside = range(own.decorator_list[0].lineno, (own.end_lineno or own.lineno) + 1)
-    uses = [n for n in ast.walk(tree) if isinstance(n, ast.Name) and n.id == own.name]
-    for use in sorted(uses, key=lambda n: (n.lineno, -n.col_offset)):
-        row = lines[use.lineno - 1]
-        lines[use.lineno - 1] = row[: use.col_offset] + STATE.encode() + row[use.end_col_offset :]
-    for number in inside:
-        lines[number - 1] = b""
-    return b"\n".join(lines).decode()
+    lines = source.split("\n")
+    for token in reversed([*tokenize.generate_tokens(io.StringIO(source).readline)]):
+        if token.type == tokenize.NAME and token.string == own.name:
+            row, (begin, end) = token.start[0] - 1, (token.start[1], token.end[1])
+            lines[row] = lines[row][:begin] + STATE + lines[row][end:]
+    for number in range(own.decorator_list[0].lineno, (own.end_lineno or own.lineno) + 1):
+        lines[number - 1] = ""
+    return "\n".join(lines)
 
 
-def _refuse_fields(path: Path, own: Record) -> None:
-    taken = load("state").record(STATE).fields
-    for its in own.fields.values():
-        if its.name in taken:
-            raise SubsetError(path, its.line, f"{STATE} has a field {its.name} already")
+def _refuse_fields(path: Path, fields: Iterable[RecordField]) -> None:
+    for its in fields:
         if its.name in C_WORDS or its.name.startswith("__") or its.name.endswith("_t"):
             raise SubsetError(path, its.line, f"'{its.name}' has another meaning in C")
         if its.volatile:
@@ -220,10 +180,10 @@ def _refuse_fields(path: Path, own: Record) -> None:
             raise SubsetError(path, its.line, rule)
 
 
-def _rows(own: Record, path: Path) -> Iterator[str]:
+def _rows(fields: Iterable[RecordField], path: Path) -> Iterator[str]:
     """The fields in the order of the state record: words, then bytes."""
     yield f"    # own stage {path.name}"
-    for its in sorted(own.fields.values(), key=lambda one: one.type.kind == "u8"):
+    for its in sorted(fields, key=lambda one: one.type.kind == "u8"):
         kind = its.type.kind
         for _ in its.type.shape:
             kind = f"list[{kind}]"

@@ -14,6 +14,7 @@ from codegen.frame.raw_signal import REAL_BITS, RawSignal, real_of
 from codegen.generated.mapped_signal import MappedSignal
 
 FACTOR_BITS = 30
+LINE = 100
 WORD_BITS = 64
 LARGEST_SHIFT = 62
 INFINITE = 0x7F800000

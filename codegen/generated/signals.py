@@ -18,17 +18,18 @@ from codegen.generated.mailbox import (
     SAMPLE_COUNTERS,
     TRANSMITTED,
     VALID_BITS,
+    WORD,
     Mailbox,
 )
 from codegen.generated.mapped_signal import MappedSignal
+from codegen.generated.packing import STORE, STORE_WORD, dispatch_pack, pack
 from codegen.generated.signal_code import (
+    LINE,
     available,
     chosen,
     disagreement,
     disagrees,
     gathered,
-    packed,
-    placed,
     raw_name,
     share,
     unpacked,
@@ -43,11 +44,8 @@ DBC = ROOT / "dbc" / "roll_control.dbc"
 MAP = ROOT / "dbc" / "roll_control.toml"
 SIGNALS = ROOT / "firmware" / "com" / "signals.py"
 
-LINE = 100
 COUNTER_BITS = 4
 """Bits of a sample counter that the firmware follows."""
-WORD = 8
-"""Bytes of a frame that are one number."""
 
 HEADER = '''\
 """Every signal's bits, scaling and limits; made by codegen.generated.signals, not to be edited.
@@ -66,7 +64,7 @@ from typing import Annotated
 from firmware.subset import byte, clamp, i32, i64, rsh, {unsigned}u8
 '''
 
-FRAMES = '''\
+RECEIVED_TEXT = '''\
 def received(ecu: Ecu, slot: i32) -> i64:
     """Return the bytes of mailbox ``slot`` as one number, byte 0 lowest."""
     low: i32 = ecu.rx_payload[slot][0] | (ecu.rx_payload[slot][1] << 8)
@@ -74,15 +72,7 @@ def received(ecu: Ecu, slot: i32) -> i64:
     high: i32 = ecu.rx_payload[slot][4] | (ecu.rx_payload[slot][5] << 8)
     high |= ecu.rx_payload[slot][6] << 16
     high |= ((ecu.rx_payload[slot][7] ^ 128) - 128) << 24
-    return (high << 32) | (ecu.rx_payload[slot][3] << 24) | low
-
-
-def store(ecu: Ecu, message: i32, frame: i64) -> None:
-    """Make the bytes of ``frame`` the payload of ``message``."""
-    left: i64 = frame
-    for k in range(8):
-        ecu.tx_payload[message][k] = byte(left)
-        left = left >> 8'''
+    return (high << 32) | (ecu.rx_payload[slot][3] << 24) | low'''
 
 RECEIVED_WORD = '''\
 def received_word(ecu: Ecu, slot: i32, first: i32) -> i64:
@@ -93,13 +83,6 @@ def received_word(ecu: Ecu, slot: i32, first: i32) -> i64:
     high |= ecu.rx_payload[slot][first + 6] << 16
     high |= ((ecu.rx_payload[slot][first + 7] ^ 128) - 128) << 24
     return (high << 32) | (ecu.rx_payload[slot][first + 3] << 24) | low'''
-STORE_WORD = '''\
-def store_word(ecu: Ecu, message: i32, first: i32, value: i64) -> None:
-    """Make ``value`` eight bytes of the payload of ``message``, from byte ``first`` on."""
-    left: i64 = value
-    for k in range(8):
-        ecu.tx_payload[message][first + k] = byte(left)
-        left = left >> 8'''
 
 
 def generate(files: Files = DBC, map_file: Path = MAP) -> str:
@@ -113,33 +96,18 @@ def generate(files: Files = DBC, map_file: Path = MAP) -> str:
         float32=_float32(bus),
         unsigned="to_u32, " if "code_of" in _float32(bus) else "",
     ).splitlines()
-    lines += [
-        "",
-        *_tables(bus),
-        "",
-        "",
-        *_wanted(bus),
-        "",
-        "",
-        *_contradicted(bus),
-        "",
-        "",
-        *_outdated(bus),
-        "",
-        "",
-        *_sample_counter(bus),
-        "",
-        "",
-        *FRAMES.splitlines(),
+    lines += ["", *_tables(bus)]
+    parts: list[Iterable[str]] = [
+        *(part(bus) for part in (_wanted, _contradicted, _outdated, _sample_counter)),
+        *(RECEIVED_TEXT.splitlines(), STORE.splitlines()),
     ]
     for boxes, text in ((bus.received, RECEIVED_WORD), (bus.transmitted, STORE_WORD)):
-        if any(_long(box) for box in boxes):
-            lines += ["", "", *text.splitlines()]
-    for box in bus.received:
-        lines += ["", "", *_unpack(box, bus.frames_of(box.slot))]
-    for box in bus.transmitted:
-        lines += ["", "", *_pack(box)]
-    lines += ["", "", *_dispatch_unpack(bus), "", "", *_dispatch_pack(bus)]
+        if any(box.is_long for box in boxes):
+            parts.append(text.splitlines())
+    parts += [_unpack(box, bus.frames_of(box.slot)) for box in bus.received]
+    parts += [pack(box) for box in bus.transmitted]
+    for part in (*parts, _dispatch_unpack(bus), dispatch_pack(bus)):
+        lines += ["", "", *part]
     return "\n".join(lines) + "\n"
 
 
@@ -154,11 +122,6 @@ def room(boxes: Iterable[Mailbox]) -> int:
     """Return the bytes of each mailbox: whole words, one at least."""
     longest = max((box.sent_length for box in boxes), default=0)
     return max(WORD, -(-longest // WORD) * WORD)
-
-
-def _long(box: Mailbox) -> bool:
-    """Whether a frame needs more than one word."""
-    return box.length > WORD
 
 
 def _tables(bus: BusMap) -> Iterable[str]:
@@ -290,17 +253,17 @@ def _unpacker(box: Mailbox) -> str:
 
 def _unpack(box: Mailbox, frames: Sequence[Mailbox]) -> Iterable[str]:
     """The function that takes the signals of ``box``, one of the ``frames`` of its message."""
-    source = "slot: i32" if _long(box) else "frame: i64"
+    source = "slot: i32" if box.is_long else "frame: i64"
     yield f"def {_unpacker(box)}(ecu: Ecu, {source}) -> None:"
     receiver = f"RX_{box.slot.upper()}"
     if not box.name:
         yield '    """Nothing on this bus fills the mailbox: its signals stay not available."""'
         yield f"    ecu.valid[{receiver}] = 0"
         return
-    yield f'    """Take the signals of {_identified(box)}."""'
+    yield f'    """Take the signals of {box.identified}."""'
     bits = VALID_BITS[box.slot]
-    frame = _frame(box)
-    if _long(box):
+    frame = box.frame_words
+    if box.is_long:
         for word in words(_raw_signals(box.signals)):
             yield f"    {frame[word]}: i64 = received_word(ecu, slot, {WORD * word})"
     yield f"    valid: u8 = {box.bits & REST}"
@@ -334,13 +297,6 @@ def _others(box: Mailbox, frames: Sequence[Mailbox]) -> int:
 
 def _valid_order(bits: tuple[str, ...], signal: MappedSignal) -> int:
     return bits.index(signal.place.text) if signal.place.text in bits else len(bits)
-
-
-def _frame(box: Mailbox) -> tuple[str, ...]:
-    """The locals that hold the words of a frame."""
-    if not _long(box):
-        return ("frame",)
-    return tuple(f"frame_{word}" for word in range(-(-box.length // WORD)))
 
 
 def _raw_signals(signals: Iterable[MappedSignal]) -> Iterable[RawSignal]:
@@ -399,108 +355,18 @@ def _unpack_mean(
         yield f"{indent}valid |= {1 << bits.index(place.text)}"
 
 
-def _pack(box: Mailbox) -> Iterable[str]:
-    yield f"def pack_{box.slot}(ecu: Ecu) -> {'None' if _long(box) else 'i64'}:"
-    if not box.name:
-        yield '    """Nothing on this bus takes the frame: it stays empty."""'
-        yield "    return 0"
-        return
-    frame = _frame(box)
-    yield f'    """{"Store" if _long(box) else "Return"} the frame {_identified(box)}."""'
-    yield from (f"    {word}: i64 = 0" for word in frame)
-    yield from _fill([signal for signal in box.signals if signal.page is None], frame, "    ")
-    if box.selector is not None and box.slot == IN_TURN:
-        yield from _pages_in_turn(box, box.selector)
-    elif box.selector is not None:
-        yield from _page(box, box.selector, box.pages[0], "    ")
-    if not _long(box):
-        yield "    return frame"
-        return
-    for number, word in enumerate(frame):
-        yield f"    store_word(ecu, TX_{box.slot.upper()}, {WORD * number}, {word})"
-
-
-def _pages_in_turn(box: Mailbox, selector: RawSignal) -> Iterable[str]:
-    """A branch for each page, selected by the number of the page that is due."""
-    if len(box.pages) == 1:
-        yield from _page(box, selector, box.pages[0], "    ")
-        return
-    in_order = box.pages == tuple(range(len(box.pages)))
-    if in_order:
-        yield f"    {raw_name(selector)}: i32 = ecu.diagnostics_page"
-        yield from (f"    {line}" for line in placed(selector, _frame(box)))
-    keyword = "if"
-    for number, page in enumerate(box.pages):
-        yield f"    {keyword} ecu.diagnostics_page == {number}:"
-        keyword = "elif"
-        if in_order:
-            there = [its for its in box.signals if its.page == page]
-            yield from _fill(there, _frame(box), "        ")
-        else:
-            yield from _page(box, selector, page, "        ")
-
-
-def _page(box: Mailbox, selector: RawSignal, page: int, indent: str) -> Iterable[str]:
-    """The selector and the signals of one page."""
-    yield f"{indent}{raw_name(selector)}: i32 = {page}"
-    yield from (f"{indent}{line}" for line in placed(selector, _frame(box)))
-    yield from _fill([signal for signal in box.signals if signal.page == page], _frame(box), indent)
-
-
-def _fill(signals: list[MappedSignal], frame: tuple[str, ...], indent: str) -> Iterable[str]:
-    """Put the raw codes of ``signals`` into the frame."""
-    for signal in signals:
-        name = raw_name(signal)
-        yield from wrapped(f"{indent}{name}: i32 = {packed(signal)}", LINE)
-        if signal.minus is not None:
-            yield f"{indent}{raw_name(signal.minus)}: i32 = 0"
-            yield f"{indent}if {name} < 0:"
-            yield f"{indent}    {raw_name(signal.minus)} = 1"
-            yield f"{indent}    {name} = -{name}"
-        if signal.twin is not None:
-            other = signal.twin.signal
-            value = name
-            if signal.twin.inverted:
-                value = f"{-1 if other.signed else (1 << other.length) - 1} - {name}"
-            yield f"{indent}{raw_name(other)}: i32 = {value}"
-        for part in signal.parts:
-            yield from (f"{indent}{line}" for line in placed(part, frame))
-
-
 def _dispatch_unpack(bus: BusMap) -> Iterable[str]:
     yield "def unpack(ecu: Ecu, number: i32, slot: i32) -> None:"
     yield '    """Unpack frame ``number`` from mailbox ``slot``."""'
-    several = any(map(_long, bus.received))
+    several = any(box.is_long for box in bus.received)
     if not several:
         yield "    frame: i64 = received(ecu, slot)"
     keyword = "if"
     for number, box in _numbered(bus):
-        source = "slot" if _long(box) else "received(ecu, slot)" if several else "frame"
+        source = "slot" if box.is_long else "received(ecu, slot)" if several else "frame"
         yield f"    {keyword} number == {number}:"
         yield f"        {_unpacker(box)}(ecu, {source})"
         keyword = "elif"
-
-
-def _dispatch_pack(bus: BusMap) -> Iterable[str]:
-    yield "def pack(ecu: Ecu, message: i32) -> None:"
-    yield '    """Pack the frame that is number ``message``."""'
-    several = any(map(_long, bus.transmitted))
-    if not several:
-        yield "    frame: i64 = 0"
-    keyword = "if"
-    for box in bus.transmitted:
-        call = f"pack_{box.slot}(ecu)"
-        if several and not _long(box):
-            call = f"store(ecu, message, {call})"
-        yield f"    {keyword} message == TX_{box.slot.upper()}:"
-        yield f"        {call if several else f'frame = {call}'}"
-        keyword = "elif"
-    if not several:
-        yield "    store(ecu, message, frame)"
-
-
-def _identified(box: Mailbox) -> str:
-    return f"{box.name} (0x{box.ident:X})"
 
 
 def write_or_check(path: Path, text: str, what: str | None) -> int:

@@ -5,11 +5,19 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from itertools import product
 
-from codegen.proof import intervals as iv
-from codegen.proof.abstract_state import Array, Element, Finding, Key, Reference, State, elements
-from codegen.proof.intervals import Value
-from codegen.subset.effects import assigned, local_kinds, writers
-from codegen.subset.program import CONST_RECORD, KINDS, Function, Module, Program
+from codegen.operations import intervals as iv
+from codegen.operations.intervals import KINDS, Value
+from codegen.proof.abstract_state import Array, Element, Finding, Key, Reference, State
+from codegen.subset.program import (
+    CONST_RECORD,
+    Constant,
+    Function,
+    Local,
+    Member,
+    Module,
+    Program,
+    elements,
+)
 
 I64 = KINDS["i64"]
 
@@ -28,15 +36,14 @@ class Memory(ABC):
     ) -> None:
         self.program = program
         self.proof = proof
-        self.seen: dict[int, Value] = {}
+        self.refs = program.refs
+        self.seen: dict[ast.AST, Value] = {}
+        self.turns: dict[ast.For, int] = {}
         self.found: dict[tuple[str, int, str], Finding] = {}
         self.obligations: set[tuple[str, int, int, str]] = set()
         self.arrays: dict[Key, Array] = {}
         self.module: Module = next(iter(program.modules.values()))
         self.function: Function = next(iter(program.functions()))
-        self.locals = {f.key: local_kinds(f) for f in program.functions()}
-        self.assigned = {f.key: assigned(f) for f in program.functions()}
-        self.writers = writers(program)
         self.returns: list[tuple[Value | None, State]] = []
         self.bounded = bounded
         self.rounds = 0
@@ -83,9 +90,9 @@ class Memory(ABC):
         return State(names, known)
 
     def _store(self, node: ast.stmt, target: ast.expr, value: Value, state: State) -> None:
-        if isinstance(target, ast.Name):
-            kind = self.locals[self.function.key][target.id]
-            state.names[target.id] = self._stored(node, value, *KINDS[kind], kind)
+        ref = self.refs[target]
+        if isinstance(ref, Local):
+            state.names[ref.name] = self._stored(node, value, *KINDS[ref.kind], ref.kind)
             return
         reference = self._place(target, state)
         assert reference.key is not None
@@ -108,19 +115,19 @@ class Memory(ABC):
         return value.limited(lo, hi)
 
     def _place(self, node: ast.expr, state: State) -> Reference:
-        if isinstance(node, ast.Name):
-            found = state.names.get(node.id)
-            if isinstance(found, Reference):
-                return found
-        if isinstance(node, ast.Name | ast.Attribute):
-            constant = self.program.constant(self.module, node)
-            if constant is not None:
-                return Reference("", (f"module {constant.module}", constant.name))
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-            owner = state.names[node.value.id]
-            assert isinstance(owner, Reference)
-            return Reference(owner.record, (owner.record, node.attr))
-        assert isinstance(node, ast.Subscript)
+        if isinstance(node, ast.Subscript):
+            return self._indexed(node, state)
+        match self.refs[node]:
+            case Constant(module=module, name=name):
+                return Reference("", (f"module {module}", name))
+            case Member(record=record, field=field):
+                return Reference(record, (record, field.name))
+        assert isinstance(node, ast.Name)
+        found = state.names[node.id]
+        assert isinstance(found, Reference)
+        return found
+
+    def _indexed(self, node: ast.Subscript, state: State) -> Reference:
         base = self._place(node.value, state)
         assert base.key is not None
         index = self.value(node.slice, state)
@@ -154,9 +161,9 @@ class Memory(ABC):
         return value
 
     def _record(self, node: ast.AST, value: Value) -> None:
-        before = self.seen.get(id(node))
+        before = self.seen.get(node)
         if before is None or not before.lo <= value.lo <= value.hi <= before.hi:
-            self.seen[id(node)] = value if before is None else iv.hull(before, value)
+            self.seen[node] = value if before is None else iv.hull(before, value)
 
     def _checked(self, node: ast.AST, value: Value) -> Value:
         self._oblige(node, value.within(*I64), "overflows 64 bits", value)

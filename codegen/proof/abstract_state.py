@@ -1,9 +1,9 @@
 """State of the interval interpreter: places, values, unmet obligations."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from codegen.proof.intervals import Value
+from codegen.operations.intervals import Value
 
 Key = tuple[str, str]
 Element = tuple[Key, tuple[int, ...]]
@@ -58,12 +58,3 @@ class Finding:
 def same(a: Value, b: object) -> bool:
     """Whether both are the same interval."""
     return isinstance(b, Value) and (a.lo, a.hi) == (b.lo, b.hi)
-
-
-def elements(value: object, prefix: tuple[int, ...] = ()) -> Iterator[tuple[tuple[int, ...], int]]:
-    """The integers in nested tuples, each with its indices."""
-    if isinstance(value, tuple):
-        for i, inner in enumerate(value):
-            yield from elements(inner, (*prefix, i))
-    else:
-        yield prefix, int(value)  # type: ignore[call-overload]

@@ -1,42 +1,22 @@
-"""Expressions on intervals: operators, intrinsics, calls."""
+"""Expressions and conditions on intervals; each branch is restricted by its condition."""
 
 import ast
 from abc import abstractmethod
+from collections.abc import Sequence
 from itertools import product
 
-from codegen.proof import intervals as iv
-from codegen.proof.abstract_memory import I64, Memory
+from codegen.operations import intervals as iv
+from codegen.operations.intervals import KINDS, Value
+from codegen.operations.relations import RELATIONS, narrow
+from codegen.operations.table import OPERATORS, Access, Operation
+from codegen.proof.abstract_memory import Memory
 from codegen.proof.abstract_state import Element, Reference, State
-from codegen.proof.intervals import Value
-from codegen.subset.program import BITS_31, KINDS, MEMORY, Function, Record
-
-ARITHMETIC = {
-    ast.Add: "+",
-    ast.Sub: "-",
-    ast.Mult: "*",
-    ast.BitAnd: "&",
-    ast.BitOr: "|",
-    ast.BitXor: "^",
-    ast.LShift: "<<",
-    ast.RShift: ">>",
-}
+from codegen.subset.program import Constant, Function, Local, Member, Parameter, Record, is_scalar
+from codegen.subset.walk import walk
 
 
 class Expressions(Memory):
-    """Values of expressions; subclasses define calls and branches on conditions."""
-
-    @abstractmethod
-    def branch(self, test: ast.expr, state: State) -> tuple[State | None, State | None]:
-        """States in which ``test`` holds and in which it does not; None where impossible."""
-
-    @abstractmethod
-    def _body(
-        self,
-        function: Function,
-        names: dict[str, Value | Reference],
-        known: dict[Element, Value],
-    ) -> tuple[Value | None, dict[Element, Value]]:
-        """Run a function; return its result and the state after it."""
+    """Values of expressions, states by conditions; a subclass runs the functions called."""
 
     def value(self, node: ast.expr, state: State) -> Value:
         """The interval of an expression in ``state``; calls in it change ``state``."""
@@ -47,151 +27,207 @@ class Expressions(Memory):
     def _value(self, node: ast.expr, state: State) -> Value:
         if isinstance(node, ast.Constant):
             return Value(int(node.value), int(node.value))  # type: ignore[arg-type]
-        if isinstance(node, ast.Name) and isinstance(state.names.get(node.id), Value):
-            return state.names[node.id]  # type: ignore[return-value]
-        if isinstance(node, ast.Name | ast.Attribute):
-            limit = self.program.limit(self.module, node)
-            constant = self.program.constant(self.module, node)
-            if limit is not None:
-                return Value(limit, limit)
-            if constant is not None and isinstance(constant.value, int):
-                return Value(constant.value, constant.value)
-        if isinstance(node, ast.Attribute | ast.Subscript):
-            return self._load(self._place(node, state), state)
+        if isinstance(node, ast.Name | ast.Attribute | ast.Subscript):
+            return self._read(node, state)
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
             return self._checked(node, iv.negate(self.value(node.operand, state)))
         if isinstance(node, ast.BinOp):
-            left = self.value(node.left, state)
-            return self._operate(node, node.op, left, self.value(node.right, state))
-        if isinstance(node, ast.IfExp):
-            return self._conditional(node, state)
+            sides = [self.value(node.left, state), self.value(node.right, state)]
+            return self._operate(node, OPERATORS[type(node.op)], sides)
         assert isinstance(node, ast.Call), ast.unparse(node)
+        match self.refs[node]:
+            case Access() as access:
+                return self._access(node, access, state)
+            case Operation() as operation:
+                return self._operate(node, operation, [self.value(a, state) for a in node.args])
         return self._call(node, state)
 
-    def _conditional(self, node: ast.IfExp, state: State) -> Value:
-        yes, no = self.branch(node.test, state)
-        values = []
-        if yes is not None:
-            values.append(self.value(node.body, yes))
-        if no is not None:
-            values.append(self.value(node.orelse, no))
-        return values[0] if len(values) == 1 else iv.hull(*values)
+    def _read(self, node: ast.expr, state: State) -> Value:
+        """A constant, a local, a field or an element."""
+        match self.refs[node]:
+            case Constant(value=int(number)):
+                return Value(number, number)
+            case Local(name=name):
+                value = state.names[name]
+                assert isinstance(value, Value)
+                return value
+        return self._load(self._place(node, state), state)
 
-    def _operate(self, node: ast.AST, op: ast.operator, a: Value, b: Value) -> Value:
-        sign = ARITHMETIC[type(op)]
-        if sign == "+":
-            result = iv.add(a, b)
-        elif sign == "-":
-            result = iv.add(a, iv.negate(b))
-        elif sign == "*":
-            result = iv.multiply(a, b)
-        elif sign == "<<":
-            result = iv.multiply(a, Value(1 << b.lo, 1 << b.lo))
-        elif sign == ">>":
-            result = Value(a.lo >> b.lo, a.hi >> b.lo)
-        else:
-            result = iv.bitwise(sign, a, b)
-        return self._checked(node, result)
+    def _operate(self, node: ast.AST, operation: Operation, a: Sequence[Value]) -> Value:
+        for met, what, shown in operation.obligations(*a):
+            self._oblige(node, met, what, shown)
+        result = operation.interval(*a)
+        return self._checked(node, result) if operation.overflows else result
 
     def _call(self, node: ast.Call, state: State) -> Value:
-        intrinsic = self.program.intrinsic(self.module, node.func)
-        if intrinsic == "clear":
-            return self._clear(node, state)
-        if intrinsic == "bytes_of":
-            bytes_ = self._record_of(node).size
-            return Value(bytes_, bytes_)
-        if intrinsic in ("set_octet", "set_word"):
-            return self._set(node, "u8" if intrinsic == "set_octet" else "i32", state)
-        if intrinsic in MEMORY:
-            return self._read(node, MEMORY[intrinsic], state)
-        if intrinsic is not None:
-            return self._intrinsic(node, intrinsic, [self.value(a, state) for a in node.args])
         function, names = self._arguments(node, state)
+        result = None
         if self.proof:
             result, state.known = self._body(function, names, state.known)
-        else:
-            if function.key in self.writers:
-                state.known = {}
-            result = None
-        if result is None:
-            result = Value(*KINDS[function.result or "i32"])
-        return result
+        elif function.key in self.program.writers:
+            state.known = {}
+        return Value(*KINDS[function.result or "i32"]) if result is None else result
+
+    def _body(
+        self,
+        function: Function,
+        names: dict[str, Value | Reference],
+        known: dict[Element, Value],
+    ) -> tuple[Value | None, dict[Element, Value]]:
+        """Run a function; return its result and the state after it."""
+        result: Value | None = None
+        joined: State | None = None
+        for value, state in self._paths(function, names, known):
+            state.names = {}
+            if value is not None:
+                result = value if result is None else iv.hull(result, value)
+            joined = state if joined is None else self._join(joined, state)
+        return result, joined.known if joined is not None else known
 
     def _arguments(
         self, node: ast.Call, state: State
     ) -> tuple[Function, dict[str, Value | Reference]]:
-        function = self.program.function(self.module, node.func)
-        assert function is not None
+        function = self.refs[node]
+        assert isinstance(function, Function)
         names: dict[str, Value | Reference] = {}
         for argument, (name, its) in zip(node.args, function.parameters.items(), strict=True):
-            if its.kind == "record" or its.shape:
-                names[name] = self._place(argument, state)
-            else:
+            if is_scalar(its):
                 given = self.value(argument, state)
                 names[name] = self._stored(argument, given, *KINDS[its.kind], its.kind)
+            else:
+                names[name] = self._place(argument, state)
         return function, names
 
-    def _clear(self, node: ast.Call, state: State) -> Value:
-        """Set every element of a record to zero."""
-        assert isinstance(node.args[0], ast.Name)
-        record = self.function.parameters[node.args[0].id].record
-        zero = Value(0, 0)
-        for name in self.program.record(record).fields:
-            array = self.arrays[record, name]
-            self._oblige(node, array.lo <= 0 <= array.hi, f"{name} can't be zero", zero)
-            if self.proof and not array.volatile:
-                for indices in product(*map(range, array.shape)):
-                    state.known[(record, name), indices] = zero
-        return zero
-
-    def _record_of(self, node: ast.Call) -> Record:
-        """The record that is the first argument of an intrinsic."""
-        assert isinstance(node.args[0], ast.Name)
-        return self.program.record(self.function.parameters[node.args[0].id].record)
-
-    def _set(self, node: ast.Call, kind: str, state: State) -> Value:
-        """Part of a calibration that the loop does not run on: forget what was known of it."""
-        record = self._record_of(node)
-        size = record.size // (4 if kind == "i32" else 1)
+    def _access(self, node: ast.Call, access: Access, state: State) -> Value:
+        """A record read or written as memory: an element read is any value of its kind."""
+        given = self.refs[node.args[0]]
+        assert isinstance(given, Parameter)
+        record = self.program.record(given.type.record)
+        if access.effect == "clear":
+            return self._clear(node, record, state)
+        if access.effect == "size":
+            return Value(record.size, record.size)
+        size = record.size // (4 if access.element == "i32" else 1)
         index = self.value(node.args[1], state)
         self._oblige(node, index.within(0, size - 1), f"index of {size} elements", index)
-        self._stored(node, self.value(node.args[2], state), *KINDS[kind], kind)
+        if access.effect == "read":
+            return Value(*KINDS[access.element])
+        value = self.value(node.args[2], state)
+        self._stored(node, value, *KINDS[access.element], access.element)
+        # part of a calibration that the loop does not run on: forget what was known of it
         state.known = {e: value for e, value in state.known.items() if e[0][0] != record.name}
         return Value(0, 0)
 
-    def _read(self, node: ast.Call, kind: str, state: State) -> Value:
-        """An element of a record read as an array: any value of its kind."""
-        size = self._record_of(node).size // (4 if kind == "i32" else 1)
-        index = self.value(node.args[1], state)
-        self._oblige(node, index.within(0, size - 1), f"index of {size} elements", index)
-        return Value(*KINDS[kind])
+    def _clear(self, node: ast.Call, record: Record, state: State) -> Value:
+        """Set every element of a record to zero."""
+        zero = Value(0, 0)
+        for name in record.fields:
+            array = self.arrays[record.name, name]
+            self._oblige(node, array.lo <= 0 <= array.hi, f"{name} can't be zero", zero)
+            if self.proof and not array.volatile:
+                for indices in product(*map(range, array.shape)):
+                    state.known[(record.name, name), indices] = zero
+        return zero
 
-    def _intrinsic(self, node: ast.Call, name: str, a: list[Value]) -> Value:
-        if name in ("sat32", "sat31"):
-            return a[0].limited(*(BITS_31 if name == "sat31" else KINDS["i32"]))
-        if name == "clamp":
-            return iv.clamp(*a)
-        if name in ("rsh", "scaled"):
-            self._oblige(node, a[1].within(1, 62), "shift count outside 1 … 62", a[1])
-        if name == "scaled":
-            last = Value(a[0].lo, a[0].hi + 1)
-            self._oblige(node, last.within(*I64), "rounding overflows 64 bits", last)
-            return iv.shift_rounded(*a).limited(*BITS_31)
-        if name == "rsh":
-            half = 1 << (min(max(a[1].hi, 1), 62) - 1)
-            rounded = Value(a[0].lo, a[0].hi + half)
-            self._oblige(node, rounded.within(*I64), "rounding overflows 64 bits", rounded)
-            return iv.shift_rounded(a[0], a[1])
-        if name == "tdiv":
-            self._oblige(node, not a[1].lo <= 0 <= a[1].hi, "divides by zero", a[1])
-            return self._checked(node, iv.divide(*a))
-        if name == "to_u32":
-            self._oblige(node, a[0].within(*KINDS["i32"]), "does not fit i32", a[0])
-            return a[0] if a[0].lo >= 0 else Value(*KINDS["u32"])
-        if name == "to_i32":
-            self._oblige(node, a[0].within(*KINDS["u32"]), "does not fit u32", a[0])
-            return a[0] if a[0].within(*KINDS["i32"]) else Value(*KINDS["i32"])
-        if name == "byte":
-            return Value(a[0].lo, a[0].hi) if a[0].within(0, 255) else Value(0, 255)
-        self._oblige(node, a[0].within(*KINDS["i32"]), "does not fit i32", a[0])
-        return a[0].limited(*KINDS["i32"])
+    # conditions
+
+    @abstractmethod
+    def _paths(
+        self,
+        function: Function,
+        names: dict[str, Value | Reference],
+        known: dict[Element, Value],
+    ) -> list[tuple[Value | None, State]]:
+        """Run a function; return its result and final state for each path."""
+
+    def branch(self, test: ast.expr, state: State) -> tuple[State | None, State | None]:
+        """States in which ``test`` holds and in which it does not; None where impossible."""
+        if isinstance(test, ast.UnaryOp):
+            yes, no = self.branch(test.operand, state)
+            return no, yes
+        if isinstance(test, ast.BoolOp):
+            both = isinstance(test.op, ast.And)
+            current: State | None = state
+            left: State | None = None
+            for part in test.values:
+                if current is None:
+                    break
+                yes, no = self.branch(part, current)
+                out, current = (no, yes) if both else (yes, no)
+                if out is not None:
+                    left = out if left is None else self._join(left, out)
+            return (current, left) if both else (left, current)
+        assert isinstance(test, ast.Compare)
+        call = test.left if self.proof and isinstance(test.left, ast.Call) else None
+        if call is not None and isinstance(self.refs[call], Function):
+            return self._branch_on_call(test, call, state)
+        a = self.value(test.left, state)
+        b = self.value(test.comparators[0], state)
+        op = type(test.ops[0])
+        return (
+            self._narrowed(test, op, a, b, state),
+            self._narrowed(test, RELATIONS[op].negated, a, b, state),
+        )
+
+    def _branch_on_call(
+        self, test: ast.Compare, call: ast.Call, state: State
+    ) -> tuple[State | None, State | None]:
+        """Branch on each path of the call separately, narrowing the call's arguments by it."""
+        function, names = self._arguments(call, state)
+        op = type(test.ops[0])
+        results: list[State | None] = [None, None]
+        for value, end in self._paths(function, names, state.known):
+            after = State(dict(state.names), end.known)
+            self._learn_arguments(call, function, end, after)
+            assert value is not None
+            self._record(call, value)
+            limit = self.value(test.comparators[0], after)
+            for i, each in enumerate((op, RELATIONS[op].negated)):
+                if narrow(each, value, limit) is not None:
+                    earlier = results[i]
+                    # both ways may be open: each goes on with a state of its own
+                    results[i] = after.copy() if earlier is None else self._join(earlier, after)
+        return results[0], results[1]
+
+    def _learn_arguments(
+        self, call: ast.Call, function: Function, end: State, after: State
+    ) -> None:
+        """Narrow the arguments of ``call`` to the parameter intervals of one path."""
+        stale = self._writes(call)
+        for argument, name in zip(call.args, function.parameters, strict=True):
+            learnt = end.names.get(name)
+            if isinstance(learnt, Value) and name not in function.assigned:
+                self._learn(argument, learnt, after, stale=stale)
+
+    def _narrowed(
+        self, test: ast.Compare, op: type[ast.cmpop], a: Value, b: Value, state: State
+    ) -> State | None:
+        one = narrow(op, a, b)
+        two = narrow(RELATIONS[op].swapped, b, a)
+        if one is None or two is None:
+            return None
+        narrowed = state.copy()
+        stale = self._writes(test)
+        self._learn(test.left, one, narrowed, stale=stale)
+        self._learn(test.comparators[0], two, narrowed, stale=stale)
+        return narrowed
+
+    def _writes(self, node: ast.expr) -> bool:
+        """Whether a call in ``node`` may write, so that what was read before it may be stale."""
+        called = (self.refs[n] for n in walk(node) if isinstance(n, ast.Call))
+        return any(isinstance(f, Function) and f.key in self.program.writers for f in called)
+
+    def _learn(self, node: ast.expr, value: Value, state: State, *, stale: bool) -> None:
+        """Narrow what ``node`` reads; of places only where it is not ``stale``."""
+        ref = self.refs.get(node)
+        if isinstance(ref, Local) and isinstance(node, ast.Name):
+            state.names[ref.name] = value
+        elif isinstance(ref, Member | Parameter) and not stale:
+            reference = self._place(node, state)
+            assert reference.key is not None
+            array = self.arrays[reference.key]
+            fixed = all(index.lo == index.hi for index in reference.prefix)
+            fixed = fixed and (self.proof or not reference.prefix)
+            if fixed and not array.volatile and array.exact is None:
+                indices = tuple(index.lo for index in reference.prefix)
+                state.known[reference.key, indices] = value

@@ -9,11 +9,11 @@ Conditions narrow what they compare; where paths meet their values are joined.
 
 import ast
 
-from codegen.proof import intervals as iv
+from codegen.operations.intervals import KINDS, Value
+from codegen.operations.table import OPERATORS
 from codegen.proof.abstract_state import Array, Element, Reference, State, same
-from codegen.proof.branches import Conditions
-from codegen.proof.intervals import Value
-from codegen.subset.program import KINDS, Function, SubsetError, Type
+from codegen.proof.expressions import Expressions
+from codegen.subset.program import Function, SubsetError, Type
 
 UNROLLED = 64
 """Rounds of a loop that are followed one by one."""
@@ -21,7 +21,7 @@ NESTED = UNROLLED**2
 """Rounds of loops in each other that a bounded module may have."""
 
 
-class Interpreter(Conditions):
+class Interpreter(Expressions):
     """Runs functions of a program on intervals; the module's docstring describes the two modes."""
 
     def run(self, function: Function, state: State | None = None) -> Value | None:
@@ -41,21 +41,6 @@ class Interpreter(Conditions):
         key = (f"parameter {function.module}.{function.name}", name)
         self.arrays[key] = Array(its.shape, lo, hi)
         return Reference("", key)
-
-    def _body(
-        self,
-        function: Function,
-        names: dict[str, Value | Reference],
-        known: dict[Element, Value],
-    ) -> tuple[Value | None, dict[Element, Value]]:
-        result: Value | None = None
-        joined: State | None = None
-        for value, state in self._paths(function, names, known):
-            state.names = {}
-            if value is not None:
-                result = value if result is None else iv.hull(result, value)
-            joined = state if joined is None else self._join(joined, state)
-        return result, joined.known if joined is not None else known
 
     def _paths(
         self,
@@ -94,7 +79,7 @@ class Interpreter(Conditions):
         if not (isinstance(following, ast.If) and isinstance(following.test, ast.Compare)):
             return False
         call = statement.value
-        if not isinstance(call, ast.Call) or self.program.function(self.module, call.func) is None:
+        if not isinstance(call, ast.Call) or not isinstance(self.refs[call], Function):
             return False
         return ast.unparse(following.test.left) == ast.unparse(statement.target)
 
@@ -107,9 +92,8 @@ class Interpreter(Conditions):
         for value, end in self._paths(function, names, state.known):
             assert value is not None
             self._record(statement.value, value)
-            kind = ast.unparse(statement.annotation)
-            given = self._stored(statement, value, *KINDS[kind], kind)
-            after = State({**state.names, statement.target.id: given}, end.known)
+            after = State(dict(state.names), end.known)
+            self._store(statement, statement.target, value, after)
             self._learn_arguments(statement.value, function, end, after)
             outcome = self._statement(following, after)
             if outcome is not None:
@@ -119,14 +103,12 @@ class Interpreter(Conditions):
     def _statement(self, node: ast.stmt, state: State) -> State | None:
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
             assert node.value is not None
-            value = self.value(node.value, state)
-            kind = ast.unparse(node.annotation)
-            state.names[node.target.id] = self._stored(node, value, *KINDS[kind], kind)
+            self._store(node, node.target, self.value(node.value, state), state)
         elif isinstance(node, ast.Assign):
             self._store(node, node.targets[0], self.value(node.value, state), state)
         elif isinstance(node, ast.AugAssign):
-            before = self.value(node.target, state)
-            after = self._operate(node, node.op, before, self.value(node.value, state))
+            sides = [self.value(node.target, state), self.value(node.value, state)]
+            after = self._operate(node, OPERATORS[type(node.op)], sides)
             self._store(node, node.target, after, state)
         elif isinstance(node, ast.If):
             yes, no = self.branch(node.test, state)
@@ -155,6 +137,7 @@ class Interpreter(Conditions):
         first, last = (start.lo, stop.hi) if step > 0 else (start.hi, stop.lo)
         known_start = start.lo == start.hi
         trips = range(first, last, step)
+        self.turns[node] = max(self.turns.get(node, 0), len(trips))
         outer = self.rounds
         self._bound(node, len(trips))
         end = self._rounds(node, state, trips, stop, unrolled=known_start)
@@ -223,7 +206,7 @@ class Interpreter(Conditions):
                 return merged
             if attempt >= 2:
                 for n in grown:
-                    merged.names[n] = Value(*KINDS[self.locals[self.function.key][n]])
+                    merged.names[n] = Value(*KINDS[self.function.kinds[n]])
                 for element in changed:
                     del merged.known[element]
             entry = merged

@@ -8,13 +8,14 @@ As the field ranges are both assumed and shown, they are an invariant that holds
 ``init``.
 """
 
+import ast
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from codegen.operations.intervals import Value, hull
 from codegen.proof.abstract_state import Finding
 from codegen.proof.interpreter import Interpreter
-from codegen.proof.intervals import Value, hull
 from codegen.subset.parse import load
 from codegen.subset.program import Function, Program
 
@@ -26,13 +27,15 @@ CHECK = ("check", "check")
 class Proof:
     """Result of a proof: the obligations not met, and the interval of each expression.
 
-    ``seen`` maps the id of a syntax node to its interval over all ways to reach it, ``obligations``
-    file and line to the number of obligations that stand there.
+    ``seen`` maps a syntax node to its interval over all ways to reach it, ``obligations``
+    file and line to the number of obligations that stand there, ``turns`` a loop to the most that
+    it makes.
     """
 
     findings: tuple[Finding, ...]
-    seen: Mapping[int, Value]
+    seen: Mapping[ast.AST, Value]
     obligations: Mapping[tuple[str, int], int]
+    turns: Mapping[ast.For, int]
 
 
 def entry_points(program: Program) -> list[Function]:
@@ -42,12 +45,8 @@ def entry_points(program: Program) -> list[Function]:
 
 def _entries(program: Program, module: str) -> list[Function]:
     its = program.modules[module]
-    found = []
-    for name in ENTRIES:
-        home, origin = its.imported.get(name, (module, name))
-        function = program.modules[home].functions.get(origin)
-        if function is not None:
-            found.append(function)
+    known = (program.lookup(its, ast.Name(name)) for name in ENTRIES)
+    found = [function for function in known if isinstance(function, Function)]
     return found or list(its.functions.values())
 
 
@@ -76,11 +75,11 @@ def prove(
     for function in entry_points(program):
         strict.run(function)
     runs.append(strict)
-    seen: dict[int, Value] = {}
+    seen: dict[ast.AST, Value] = {}
     for run in runs:
         for node, value in run.seen.items():
             seen[node] = hull(seen[node], value) if node in seen else value
     findings = {finding: None for run in runs for finding in run.findings}
     places = {place for run in runs for place in run.obligations}
     obligations = Counter((path, line) for path, line, _, _ in places)
-    return Proof(tuple(findings), seen, obligations)
+    return Proof(tuple(findings), seen, obligations, strict.turns)

@@ -22,9 +22,10 @@ from typing import Any
 
 import firmware.ecu
 from codegen.c99 import emit, kept
-from codegen.generated import frames, own_stage, protection, signals, stage_rules
+from codegen.generated import frames, own_stage, protection, signals
 from codegen.generated.bus_map import BusMap, frame_ident, load
 from codegen.generated.own_stage import OwnStage
+from codegen.proof import stage_rules
 from codegen.proof.prove import prove
 from codegen.subset import parse, rules
 from codegen.subset.program import FIRMWARE, Program, copy_sources, file_of

@@ -25,8 +25,15 @@ from codegen.specialise.places import (
     fixed,
 )
 from codegen.specialise.tidy import tidied
-from codegen.subset.effects import assigned
-from codegen.subset.program import CONST_RECORD, Function, Program, Type
+from codegen.subset.program import (
+    CONST_RECORD,
+    Function,
+    Program,
+    Type,
+    assigned,
+    names,
+    statements,
+)
 from codegen.subset.walk import walk
 
 Key = tuple[tuple[str, str], tuple[str, ...]]
@@ -58,12 +65,12 @@ class Evaluator(Expressions):
         key = (function.key, tuple(ast.unparse(n) if n is not None else "" for n in told))
         if key in self.copies:
             return self.copies[key]
-        scope = Scope(function, {}, taken={*function.parameters, *RECORDS.values()})
+        scope = Scope({}, taken={*function.parameters, *RECORDS.values()})
         for name, given in zip(function.parameters, told, strict=True):
             scope.values[name] = given if given is not None else ast.Name(name)
-        body, _ = self._block(_statements(function.node), scope)
+        body, _ = self._block(statements(function.node), scope)
         body = tidied(body)
-        used = {n.id for s in body for n in walk(s) if isinstance(n, ast.Name)}
+        used = names(body)
         records = tuple(name for name in RECORDS.values() if name in used)
         kept = tuple(
             i
@@ -88,7 +95,6 @@ class Evaluator(Expressions):
 
     def _told(self, function: Function, arguments: list[ast.expr]) -> list[ast.expr | None]:
         """What is known of each argument: its value, or the place of an array or record."""
-        changed = assigned(function)
         told: list[ast.expr | None] = []
         for (name, its), argument in zip(function.parameters.items(), arguments, strict=True):
             if its.kind == "record":
@@ -96,7 +102,7 @@ class Evaluator(Expressions):
             elif its.shape:
                 told.append(argument if fixed(argument) else None)
             else:
-                given = fold.known(argument) is not None and name not in changed
+                given = fold.known(argument) is not None and name not in function.assigned
                 told.append(argument if given else None)
         return told
 
@@ -108,10 +114,10 @@ class Evaluator(Expressions):
         self.used.add(name)
         return name
 
-    def _block(self, statements: list[ast.stmt], scope: Scope) -> tuple[list[ast.stmt], bool]:
+    def _block(self, block: list[ast.stmt], scope: Scope) -> tuple[list[ast.stmt], bool]:
         """The statements as written; whether the end of them is reached."""
         written: list[ast.stmt] = []
-        for statement in statements:
+        for statement in block:
             its, goes_on = self._statement(statement, scope)
             written += its
             if not goes_on:
@@ -163,18 +169,17 @@ class Evaluator(Expressions):
         return [ast.Assign([place], value, lineno=0)]
 
     def _condition(self, node: ast.If, scope: Scope) -> tuple[list[ast.stmt], bool]:
-        test = self.condition(node.test, scope)
+        test = self.value(node.test, scope)
         told = fold.truth(test)
         if told is not None:
             return self._block(node.body if told else node.orelse, scope)
-        before = dict(scope.constants)
-        names = dict(scope.values)
+        before, values = dict(scope.constants), dict(scope.values)
         yes, yes_on = self._block(node.body, scope)
         known_yes, scope.constants = scope.constants, dict(before)
-        scope.values = dict(names)
+        scope.values = dict(values)
         no, no_on = self._block(node.orelse, scope)
         known_no = scope.constants
-        scope.values = names
+        scope.values = values
         scope.constants = agreed(known_yes if yes_on else None, known_no if no_on else None)
         return [ast.If(test, yes, no)], yes_on or no_on
 
@@ -192,19 +197,7 @@ class Evaluator(Expressions):
             unrolled = self._on_trial(node, name, turns, scope) if len(turns) <= TURNS else None
             if unrolled is not None:
                 return unrolled
-        inside = {
-            target.id
-            for inner in walk(node)
-            for target in (
-                inner.targets
-                if isinstance(inner, ast.Assign)
-                else [inner.target]
-                if isinstance(inner, ast.AugAssign | ast.AnnAssign)
-                else []
-            )
-            if isinstance(target, ast.Name)
-        }
-        scope.forget(inside)
+        scope.forget(assigned(node))
         before, values = dict(scope.constants), dict(scope.values)
         counter = "_" if name == "_" else scope.declare(name)
         body, _ = self._block(node.body, scope)
@@ -240,21 +233,14 @@ class Evaluator(Expressions):
     def _called(self, node: ast.expr, scope: Scope) -> list[ast.stmt]:
         """A call for its effect."""
         assert isinstance(node, ast.Call)
-        module = self.program.modules[scope.function.module]
-        function = self.program.function(module, node.func)
-        if function is None:
-            value = self.value(node, scope)
-            return [ast.Expr(value)]
+        function = self.program.refs[node]
+        if not isinstance(function, Function):
+            return [ast.Expr(self.value(node, scope))]
         copy, arguments = self._call(function, node, scope)
-        if all(
-            isinstance(s, ast.Expr | ast.Return) and fold.pure(s) for s in _statements(copy.node)
-        ):
+        body = statements(copy.node)
+        if all(isinstance(s, ast.Expr | ast.Return) and fold.pure(s) for s in body):
             return []
         return [ast.Expr(ast.Call(ast.Name(copy.name), arguments, []))]
-
-
-def _statements(node: ast.FunctionDef) -> list[ast.stmt]:
-    return node.body[1:] if ast.get_docstring(node) is not None else node.body
 
 
 def _described(function: Function, told: list[ast.expr | None]) -> str:

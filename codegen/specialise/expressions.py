@@ -5,9 +5,10 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from codegen.operations.table import Access, Operation
 from codegen.specialise import fold
 from codegen.specialise.places import Places, Scope, fixed
-from codegen.subset.program import MEMORY, Function
+from codegen.subset.program import Function
 from codegen.subset.walk import walk
 
 
@@ -38,48 +39,25 @@ class Expressions(Places):
         """The copy of ``function`` for what is known of its arguments."""
 
     def value(self, node: ast.expr, scope: Scope) -> ast.expr:
-        """An expression with what is known folded in."""
-        if isinstance(node, ast.Constant):
-            return node
+        """An expression or a condition with what is known folded in."""
         if isinstance(node, ast.Name) and node.id in scope.values:
             number = scope.constants.get(node.id)
             return scope.values[node.id] if number is None else fold.literal(number)
         if isinstance(node, ast.Name | ast.Attribute | ast.Subscript):
             return self._read(node, scope)
-        if isinstance(node, ast.UnaryOp):
-            return fold.negated(self.value(node.operand, scope))
-        if isinstance(node, ast.BinOp):
-            left, right = self.value(node.left, scope), self.value(node.right, scope)
-            return fold.operation(node.op, left, right)
-        assert isinstance(node, ast.Call)
-        return self._result(node, scope)
-
-    def condition(self, node: ast.expr, scope: Scope) -> ast.expr:
-        """A condition with what is known folded in."""
-        if isinstance(node, ast.BoolOp):
-            parts: list[ast.expr] = []
-            for each in node.values:
-                parts.append(self.condition(each, scope))
-                if fold.truth(parts[-1]) is isinstance(node.op, ast.Or):
-                    break
-            return fold.joined(node.op, parts)
-        if isinstance(node, ast.UnaryOp):
-            return fold.inverse(self.condition(node.operand, scope))
-        assert isinstance(node, ast.Compare)
-        left, right = self.value(node.left, scope), self.value(node.comparators[0], scope)
-        return fold.comparison(node.ops[0], left, right)
+        if isinstance(node, ast.Call):
+            return self._result(node, scope)
+        return fold.mapped(node, lambda inner: self.value(inner, scope))
 
     def _result(self, node: ast.Call, scope: Scope) -> ast.expr:
-        module = self.program.modules[scope.function.module]
-        name = self.program.intrinsic(module, node.func)
-        if name in MEMORY or name == "clear":
+        function = self.program.refs[node]
+        if isinstance(function, Access):
             record = scope.values[ast.unparse(node.args[0])]
             rest = [self.value(argument, scope) for argument in node.args[1:]]
-            return ast.Call(ast.Name(name), [record, *rest], [])
-        if name is not None:
-            return fold.intrinsic(name, [self.value(argument, scope) for argument in node.args])
-        function = self.program.function(module, node.func)
-        assert function is not None
+            return ast.Call(ast.Name(function.name), [record, *rest], [])
+        if isinstance(function, Operation):
+            return fold.intrinsic(function.name, [self.value(each, scope) for each in node.args])
+        assert isinstance(function, Function)
         if function.key in self.results:
             return fold.literal(self.results[function.key])
         copy, arguments = self._call(function, node, scope)
@@ -102,7 +80,7 @@ class Expressions(Places):
             else:
                 arguments.append(self.value(argument, scope))
         copy = self.copy(function, arguments)
-        written = self.writers.get(function.key, frozenset())
+        written = self.program.writers.get(function.key, frozenset())
         kept: list[ast.expr] = [ast.Name(name) for name in copy.records]
         for i, name in enumerate(function.parameters):
             argument = arguments[i]
@@ -135,22 +113,6 @@ def substituted(node: ast.expr, given: Mapping[str, ast.expr]) -> ast.expr:
     """``node`` with ``given`` in place of names, folded again."""
 
     def inside(n: ast.expr) -> ast.expr:
-        if isinstance(n, ast.Name):
-            return given.get(n.id, n)
-        if isinstance(n, ast.UnaryOp):
-            return fold.negated(inside(n.operand))
-        if isinstance(n, ast.BinOp):
-            return fold.operation(n.op, inside(n.left), inside(n.right))
-        if isinstance(n, ast.Subscript):
-            return ast.Subscript(inside(n.value), inside(n.slice))
-        if isinstance(n, ast.Attribute):
-            return ast.Attribute(inside(n.value), n.attr)
-        if isinstance(n, ast.Call):
-            arguments = [inside(argument) for argument in n.args]
-            assert isinstance(n.func, ast.Name)
-            if n.func.id in fold.READERS - MEMORY.keys():
-                return fold.intrinsic(n.func.id, arguments)
-            return ast.Call(n.func, arguments, [])
-        return n
+        return given.get(n.id, n) if isinstance(n, ast.Name) else fold.mapped(n, inside)
 
     return inside(node)

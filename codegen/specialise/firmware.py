@@ -12,15 +12,17 @@ from functools import cache
 from itertools import product
 
 from canroll.errors import CanrollError
+from codegen.operations.intervals import KINDS
+from codegen.operations.table import INTRINSICS
 from codegen.proof.prove import entry_points, prove
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.ecu_traffic import refused
 from codegen.run.memory_image import fill, image
-from codegen.specialise import fold, reach, state_ranges
+from codegen.specialise import reach, state_ranges
 from codegen.specialise.evaluator import Evaluator, steady
 from codegen.specialise.expressions import Copy
 from codegen.specialise.places import Element
-from codegen.subset.program import FIRMWARE, KINDS, Const, Program, Type
+from codegen.subset.program import FIRMWARE, Const, Program, Type, names
 from codegen.subset.walk import walk
 from firmware.calibration import Calibration
 from firmware.subset import fields
@@ -106,37 +108,31 @@ def _loop(
 
 def _merged(copies: Iterable[Copy], entries: Sequence[str]) -> list[ast.FunctionDef]:
     """The functions of ``copies`` that ``entries`` need, callees first; equal ones only once."""
-    names: dict[str, str] = {}
+    renamed: dict[str, str] = {}
     known: dict[str, str] = {}
     functions: dict[str, ast.FunctionDef] = {}
     for copy in copies:
         node = copy.node
         for inner in walk(node):
             if isinstance(inner, ast.Name):
-                inner.id = names.get(inner.id, inner.id)
+                inner.id = renamed.get(inner.id, inner.id)
         head = ast.unparse(ast.fix_missing_locations(node.args))
         text = head + "".join(ast.unparse(statement) for statement in node.body[1:])
-        names[copy.name] = known.setdefault(text, copy.name)
-        functions.setdefault(names[copy.name], node)
-    needed: set[str] = set()
-    todo = list(entries)
-    while todo:
-        name = todo.pop()
-        if name in functions and name not in needed:
-            needed.add(name)
-            todo += [n.id for n in walk(functions[name]) if isinstance(n, ast.Name)]
+        renamed[copy.name] = known.setdefault(text, copy.name)
+        functions.setdefault(renamed[copy.name], node)
+    needed = reach.needed(functions, entries)
     return [node for name, node in functions.items() if name in needed]
 
 
 def _source(record: Calibration, functions: list[ast.FunctionDef], tables: Tables) -> str:
     """The module of the loop."""
     bodies = "\n\n\n".join(ast.unparse(ast.fix_missing_locations(f)) for f in functions)
-    words = {n.id for f in functions for n in walk(f) if isinstance(n, ast.Name)}
+    words = names(functions)
     needed = {name: tables[name] for name in sorted(tables) if name in words}
     text = "\n".join(_table(name, *table) for name, table in needed.items())
     kinds = {its.kind for its, _ in needed.values()}
-    names = sorted(words & (fold.READERS | {"clear"} | set(KINDS)) | kinds)
-    head = HEAD.format(id=record.id, crc=record.crc, names=", ".join(names))
+    imported = sorted(words & (INTRINSICS.keys() | KINDS.keys()) | kinds)
+    head = HEAD.format(id=record.id, crc=record.crc, names=", ".join(imported))
     return f"{head}\n{text}\n\n\n{bodies}\n"
 
 

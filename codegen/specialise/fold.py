@@ -5,23 +5,16 @@ drop an operand is applied only where dropping it drops no effect.
 """
 
 import ast
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
-from codegen.proof.relations import NEGATED
-from codegen.subset.program import OPERATIONS
+from codegen.operations.relations import RELATIONS
+from codegen.operations.table import INTRINSICS, OPERATORS, Access, Operation
 from codegen.subset.walk import walk
-from firmware import subset
 
-Number = ast.expr
-
-RELATIONS: dict[type[ast.cmpop], Callable[[int, int], bool]] = {
-    ast.Lt: lambda a, b: a < b,
-    ast.LtE: lambda a, b: a <= b,
-    ast.Gt: lambda a, b: a > b,
-    ast.GtE: lambda a, b: a >= b,
-    ast.Eq: lambda a, b: a == b,
-    ast.NotEq: lambda a, b: a != b,
-}
+READERS = frozenset(
+    name for name, row in INTRINSICS.items() if not (isinstance(row, Access) and row.writes)
+)
+"""Intrinsics without effect."""
 
 
 def literal(number: int) -> ast.expr:
@@ -55,11 +48,6 @@ def pure(node: ast.AST) -> bool:
     )
 
 
-READERS = frozenset(
-    ("sat32", "sat31", "scaled", "clamp", "rsh", "tdiv", "byte", "narrow", "to_i32", "to_u32")
-) | {"word", "octet"}
-
-
 def negated(a: ast.expr) -> ast.expr:
     """-a."""
     value = known(a)
@@ -70,62 +58,66 @@ def negated(a: ast.expr) -> ast.expr:
     return ast.UnaryOp(ast.USub(), a)
 
 
+NEUTRAL = {ast.Add: 0, ast.Sub: 0, ast.Mult: 1, ast.BitOr: 0, ast.BitXor: 0}
+NEUTRAL |= {ast.LShift: 0, ast.RShift: 0}
+"""The right operand that leaves the left one as it is."""
+COMMUTATIVE = (ast.Add, ast.Mult, ast.BitOr, ast.BitXor)
+
+
 def operation(op: ast.operator, a: ast.expr, b: ast.expr) -> ast.expr:
     """``a op b``."""
-    x, y = known(a), known(b)
+    kind, x, y = type(op), known(a), known(b)
     if x is not None and y is not None:
-        return literal(OPERATIONS[type(op)](x, y))
-    if isinstance(op, ast.Mult):
-        return _product(a, b, x, y)
-    if isinstance(op, ast.Add):
-        return _sum(a, b, x, y)
-    if isinstance(op, ast.Sub):
-        if y == 0:
-            return a
-        if x == 0:
-            return negated(b)
-    if isinstance(op, ast.BitOr | ast.BitXor):
-        if x == 0:
-            return b
-        if y == 0:
-            return a
-    if isinstance(op, ast.BitAnd) and 0 in (x, y) and pure(a) and pure(b):
+        return literal(OPERATORS[kind].fold(x, y))
+    if kind is ast.Mult and x is not None:
+        a, b, x, y = b, a, y, x
+    if y is not None and y == NEUTRAL.get(kind):
+        return a
+    if x is not None and kind in COMMUTATIVE and x == NEUTRAL[kind]:
+        return b
+    if kind in (ast.Mult, ast.BitAnd) and 0 in (x, y) and pure(a) and pure(b):
         return literal(0)
-    if isinstance(op, ast.LShift | ast.RShift):
-        if y == 0:
-            return a
-        if x == 0:
-            return literal(0)
+    if kind is ast.Mult and y == -1:
+        return negated(a)
+    if kind is ast.Sub and x == 0:
+        return negated(b)
+    if kind is ast.Add and isinstance(b, ast.UnaryOp) and isinstance(b.op, ast.USub):
+        return ast.BinOp(a, ast.Sub(), b.operand)
     return ast.BinOp(a, op, b)
 
 
-def _product(a: ast.expr, b: ast.expr, x: int | None, y: int | None) -> ast.expr:
-    if x is not None:
-        a, b, y = b, a, x
-    if y == 0 and pure(a):
-        return literal(0)
-    if y == 1:
-        return a
-    if y == -1:
-        return negated(a)
-    return ast.BinOp(a, ast.Mult(), b)
-
-
-def _sum(a: ast.expr, b: ast.expr, x: int | None, y: int | None) -> ast.expr:
-    if x == 0:
-        return b
-    if y == 0:
-        return a
-    if isinstance(b, ast.UnaryOp) and isinstance(b.op, ast.USub):
-        return ast.BinOp(a, ast.Sub(), b.operand)
-    return ast.BinOp(a, ast.Add(), b)
+def mapped(node: ast.expr, change: Callable[[ast.expr], ast.expr]) -> ast.expr:
+    """A number or a condition with ``change`` applied to its operands, folded again."""
+    match node:
+        case ast.Compare(left=a, ops=[relation], comparators=[b]):
+            return comparison(relation, change(a), change(b))
+        case ast.BoolOp(op=junction, values=parts):
+            return joined(junction, (change(part) for part in parts))
+        case ast.UnaryOp(op=ast.Not(), operand=a):
+            return inverse(change(a))
+        case ast.UnaryOp(operand=a):
+            return negated(change(a))
+        case ast.BinOp(left=a, op=op, right=b):
+            return operation(op, change(a), change(b))
+        case ast.Subscript(value=array, slice=index):
+            return ast.Subscript(change(array), change(index))
+        case ast.Attribute(value=owner, attr=name):
+            return ast.Attribute(change(owner), name)
+        case ast.Call(func=ast.Name(id=name) as func, args=arguments):
+            given = [change(each) for each in arguments]
+            if isinstance(INTRINSICS.get(name), Operation):
+                return intrinsic(name, given)
+            return ast.Call(func, given, [])
+    return node
 
 
 def intrinsic(name: str, arguments: Sequence[ast.expr]) -> ast.expr:
     """A call of an intrinsic that reads no memory."""
     values = [known(each) for each in arguments]
-    if all(value is not None for value in values):
-        return literal(getattr(subset, name)(*values))
+    row = INTRINSICS[name]
+    assert isinstance(row, Operation)
+    if None not in values:
+        return literal(row.fold(*values))
     if name in ("scaled", "rsh") and values[1] is not None:
         return shifted(name, arguments[0], values[1])
     return ast.Call(ast.Name(name), list(arguments), [])
@@ -174,10 +166,9 @@ def comparison(op: ast.cmpop, a: ast.expr, b: ast.expr) -> ast.expr:
     """``a op b``; a literal True or False where both are known."""
     x, y = known(a), known(b)
     if x is not None and y is not None:
-        return ast.Constant(RELATIONS[type(op)](x, y))
+        return ast.Constant(RELATIONS[type(op)].holds(x, y))
     if x is not None:
-        swapped = {ast.Lt: ast.Gt, ast.LtE: ast.GtE, ast.Gt: ast.Lt, ast.GtE: ast.LtE}
-        return ast.Compare(b, [swapped.get(type(op), type(op))()], [a])
+        return ast.Compare(b, [RELATIONS[type(op)].swapped()], [a])
     return ast.Compare(a, [op], [b])
 
 
@@ -196,11 +187,11 @@ def inverse(node: ast.expr) -> ast.expr:
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
         return node.operand
     if isinstance(node, ast.Compare):
-        return ast.Compare(node.left, [NEGATED[type(node.ops[0])]()], node.comparators)
+        return ast.Compare(node.left, [RELATIONS[type(node.ops[0])].negated()], node.comparators)
     return ast.UnaryOp(ast.Not(), node)
 
 
-def joined(op: ast.boolop, parts: Sequence[ast.expr]) -> ast.expr:
+def joined(op: ast.boolop, parts: Iterable[ast.expr]) -> ast.expr:
     """``and`` or ``or`` of conditions, evaluated from the left as far as needed."""
     deciding = isinstance(op, ast.Or)
     left: list[ast.expr] = []

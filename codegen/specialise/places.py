@@ -10,17 +10,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from codegen.specialise import fold
-from codegen.subset.effects import writers
 from codegen.subset.program import (
     CONST_RECORD,
     Const,
-    Function,
+    Constant,
+    Member,
     Program,
     RecordField,
     Type,
-    evaluate,
+    base,
+    names,
 )
-from codegen.subset.walk import walk
 
 Element = tuple[str, tuple[int, ...]]
 
@@ -37,13 +37,11 @@ class Scope:
     """The names of the function that is read, in the function that is written.
 
     Attributes:
-        function: is read.
         values: what a parameter or local stands for: a literal, a place, or its name.
         constants: locals whose value is known here, and that value.
         taken: names that the written function has already.
     """
 
-    function: Function
     values: dict[str, ast.expr]
     constants: dict[str, int] = field(default_factory=dict)
     taken: set[str] = field(default_factory=set)
@@ -60,7 +58,7 @@ class Scope:
 
     def trial(self) -> "Scope":
         """Another scope that knows the same, to be adopted or thrown away."""
-        return Scope(self.function, dict(self.values), dict(self.constants), set(self.taken))
+        return Scope(dict(self.values), dict(self.constants), set(self.taken))
 
     def adopt(self, trial: "Scope") -> None:
         """Know what a trial knows."""
@@ -108,30 +106,22 @@ class Places(ABC):
     tables: dict[str, tuple[Type, Const]] = field(default_factory=dict)
     used: set[str] = field(default_factory=set)
     stores: list[Stored] = field(default_factory=list)
-    writers: Mapping[tuple[str, str], frozenset[str]] = field(init=False)
     reserved: frozenset[str] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.writers = writers(self.program)
-        names = {
-            n.id for f in self.program.functions() for n in walk(f.node) if isinstance(n, ast.Name)
-        }
-        names |= {name for f in self.program.functions() for name in f.parameters}
-        self.reserved = frozenset(names)
+        functions = list(self.program.functions())
+        self.reserved = frozenset(names(f.node for f in functions)).union(
+            *(f.parameters for f in functions)
+        )
 
     @abstractmethod
     def value(self, node: ast.expr, scope: Scope) -> ast.expr:
         """An expression with what is known folded in."""
 
     def _read(self, node: ast.expr, scope: Scope) -> ast.expr:
-        module = self.program.modules[scope.function.module]
-        if isinstance(node, ast.Name | ast.Attribute):
-            limit = self.program.limit(module, node)
-            constant = self.program.constant(module, node)
-            if limit is not None or constant is not None:
-                number = evaluate(self.program, module, node)
-                assert isinstance(number, int)
-                return fold.literal(number)
+        ref = self.program.refs.get(node)
+        if isinstance(ref, Constant) and isinstance(ref.value, int):
+            return fold.literal(ref.value)
         place = self._place(node, scope)
         table = self._table(place)
         if table is not None:
@@ -146,35 +136,26 @@ class Places(ABC):
         if isinstance(node, ast.Subscript):
             index = self.value(node.slice, scope)
             return ast.Subscript(self._place(node.value, scope), index)
-        if isinstance(node, ast.Name) and node.id in scope.values:
-            return scope.values[node.id]
-        module = self.program.modules[scope.function.module]
-        constant = self.program.constant(module, node)
-        if constant is not None:
-            return ast.Attribute(ast.Name(f"{TABLE}{constant.module}"), constant.name)
-        assert isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
-        record = scope.function.parameters[node.value.id].record
-        owner = CALIBRATION if record == CONST_RECORD else RECORDS[record]
-        return ast.Attribute(ast.Name(owner), node.attr)
+        match self.program.refs[node]:
+            case Constant(module=module, name=name):
+                return ast.Attribute(ast.Name(f"{TABLE}{module}"), name)
+            case Member(record=record, field=field):
+                owner = CALIBRATION if record == CONST_RECORD else RECORDS[record]
+                return ast.Attribute(ast.Name(owner), field.name)
+        return scope.values[ast.unparse(node)]
 
     def _table(self, place: ast.expr, *, whole: bool = False) -> ast.expr | None:
         """An element of the calibration or of a constant table: its value, or what reads it."""
-        indices: list[ast.expr] = []
-        base = place
-        while isinstance(base, ast.Subscript):
-            indices.insert(0, base.slice)
-            base = base.value
-        if not isinstance(base, ast.Attribute) or not isinstance(base.value, ast.Name):
-            return None
-        home = base.value.id
+        home, array = _owner(place)
         if home == CALIBRATION:
-            its = self.program.record(CONST_RECORD).fields[base.attr].type
-            value = self._calibrated(base.attr, its.shape, ())
+            its = self.program.record(CONST_RECORD).fields[array].type
+            value = self._calibrated(array, its.shape, ())
         elif home.startswith(TABLE):
-            constant = self.program.modules[home.removeprefix(TABLE)].constants[base.attr]
+            constant = self.program.modules[home.removeprefix(TABLE)].constants[array]
             its, value = constant.type, constant.value
         else:
             return None
+        indices = _indices(place)
         numbers = [fold.known(index) for index in indices]
         if not whole and None not in numbers:
             for number in numbers:
@@ -182,7 +163,7 @@ class Places(ABC):
                 value = value[number]
             assert isinstance(value, int)
             return fold.literal(value)
-        name = base.attr.upper()
+        name = array.upper()
         if self.tables.setdefault(name, (its, value)) != (its, value):
             name = f"{name}_{home.removeprefix(TABLE).upper()}"
             self.tables[name] = (its, value)
@@ -217,31 +198,36 @@ class Places(ABC):
 
     def _elements(self, place: ast.expr) -> Iterator[Element]:
         """The elements of the state that ``place`` may be."""
-        indices: list[int | None] = []
-        base = place
-        while isinstance(base, ast.Subscript):
-            indices.insert(0, fold.known(base.slice))
-            base = base.value
-        if not isinstance(base, ast.Attribute) or not isinstance(base.value, ast.Name):
+        home, array = _owner(place)
+        if not home or home == CALIBRATION or home.startswith(TABLE):
             return
-        if base.value.id == CALIBRATION or base.value.id.startswith(TABLE):
-            return
-        shape = self._state()[base.attr].type.shape
+        indices = [fold.known(index) for index in _indices(place)]
+        shape = self._state()[array].type.shape
         ways: list[tuple[int, ...]] = [()]
         for at, size in enumerate(shape):
             index = indices[at] if at < len(indices) else None
             its = range(size) if index is None else (index,)
             ways = [(*way, k) for way in ways for k in its]
-        yield from ((base.attr, way) for way in ways)
+        yield from ((array, way) for way in ways)
 
     def _volatile(self, place: ast.expr) -> bool:
-        base = place
-        while isinstance(base, ast.Subscript):
-            base = base.value
-        return isinstance(base, ast.Attribute) and self._state()[base.attr].volatile
+        _, array = _owner(place)
+        return bool(array) and self._state()[array].volatile
 
     def _state(self) -> Mapping[str, RecordField]:
         return self.program.record(STATE_RECORD).fields
+
+
+def _owner(place: ast.expr) -> tuple[str, str]:
+    """The record or module in which a place lies, and its field or table; empty for a local."""
+    array = base(place)
+    if isinstance(array, ast.Attribute) and isinstance(array.value, ast.Name):
+        return array.value.id, array.attr
+    return "", ""
+
+
+def _indices(place: ast.expr) -> list[ast.expr]:
+    return [*_indices(place.value), place.slice] if isinstance(place, ast.Subscript) else []
 
 
 def fixed(node: ast.expr) -> bool:

@@ -7,13 +7,15 @@ calibration leaves of each: the hull of all that is stored. The next run starts 
 import ast
 from collections.abc import Mapping
 
-from codegen.proof import intervals as iv
+from codegen.operations import intervals as iv
+from codegen.operations.intervals import KINDS, Value
 from codegen.proof.abstract_state import State
 from codegen.proof.interpreter import Interpreter
-from codegen.proof.intervals import Value
 from codegen.proof.prove import entry_points
+from codegen.specialise import fold
 from codegen.specialise.places import STATE_RECORD
-from codegen.subset.program import KINDS, Program
+from codegen.subset.program import Member, Program, Record
+from codegen.subset.walk import walk
 
 
 class Stores(Interpreter):
@@ -25,22 +27,21 @@ class Stores(Interpreter):
 
     def _store(self, node: ast.stmt, target: ast.expr, value: Value, state: State) -> None:
         super()._store(node, target, value, state)
-        if not isinstance(target, ast.Name):
-            key = self._place(target, state).key
-            assert key is not None
-            if key[0] == STATE_RECORD:
-                self.note(key[1], value)
+        ref = self.refs[target]
+        if isinstance(ref, Member):
+            self.note(ref.record, ref.field.name, value)
 
-    def _clear(self, node: ast.Call, state: State) -> Value:
-        zero = super()._clear(node, state)
-        for name in self.program.record(STATE_RECORD).fields:
-            self.note(name, zero)
+    def _clear(self, node: ast.Call, record: Record, state: State) -> Value:
+        zero = super()._clear(node, record, state)
+        for name in record.fields:
+            self.note(record.name, name, zero)
         return zero
 
-    def note(self, field: str, value: Value) -> None:
-        """Add ``value`` to what is stored in a field."""
-        before = self.stored.get(field)
-        self.stored[field] = value if before is None else iv.hull(before, value)
+    def note(self, record: str, field: str, value: Value) -> None:
+        """Add ``value`` to what is stored in a field of the state."""
+        if record == STATE_RECORD:
+            before = self.stored.get(field)
+            self.stored[field] = value if before is None else iv.hull(before, value)
 
 
 def stored(program: Program) -> dict[str, Value]:
@@ -61,31 +62,16 @@ def declared(source: str, ranges: Mapping[str, Value]) -> str:
 
     A field keeps its size in memory: bytes stay bytes, words words.
     """
-    lines = source.splitlines(keepends=True)
-    edits: list[tuple[int, int, int, int, str]] = []
-    for record in ast.parse(source).body:
-        if not isinstance(record, ast.ClassDef) or record.name != STATE_RECORD:
-            continue
-        for node in record.body:
-            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-                its = ranges.get(node.target.id)
-                if its is not None:
-                    edits += _edits(node, its)
-    for line, begin, end_line, end, text in sorted(edits, reverse=True):
-        tail = lines[end_line - 1].encode()[end:].decode()
-        lines[line - 1 : end_line] = [lines[line - 1].encode()[:begin].decode() + text + tail]
-    return "".join(lines)
-
-
-def _edits(node: ast.AnnAssign, its: Value) -> list[tuple[int, int, int, int, str]]:
-    assert isinstance(node.annotation, ast.Subscript)
-    assert isinstance(node.annotation.slice, ast.Tuple)
-    description = node.annotation.slice.elts[-1]
-    assert isinstance(description, ast.Call)
-    first, last = description.args[:2]
-    assert first.end_lineno is not None and last.end_col_offset is not None
-    place = (first.lineno, first.col_offset, last.end_lineno or 0, last.end_col_offset)
-    return [(*place, f"{its.lo}, {its.hi}")]
+    lines = source.splitlines()
+    (record,) = (n for n in ast.parse(source).body if getattr(n, "name", "") == STATE_RECORD)
+    assert isinstance(record, ast.ClassDef)
+    for node in reversed(record.body):
+        if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) in ranges:
+            its = ranges[ast.unparse(node.target)]
+            (described,) = (n for n in walk(node) if isinstance(n, ast.Call))
+            described.args[:2] = [fold.literal(its.lo), fold.literal(its.hi)]
+            lines[node.lineno - 1 : node.end_lineno] = [f"    {ast.unparse(node)}"]
+    return "\n".join([*lines, ""])
 
 
 def _in_size(its: Value, kind: str) -> Value:

@@ -1,10 +1,11 @@
 """Locals and statements that nothing needs any more, taken out."""
 
 import ast
-from collections.abc import Iterable
+from collections.abc import Callable
 
 from canroll.errors import CanrollError
 from codegen.specialise import fold
+from codegen.subset.program import names
 from codegen.subset.walk import walk
 
 
@@ -17,36 +18,45 @@ def tidied(body: list[ast.stmt]) -> list[ast.stmt]:
         body = shorter
 
 
+def rebuilt(node: ast.stmt, change: Callable[[list[ast.stmt]], list[ast.stmt]]) -> ast.stmt:
+    """An ``if`` or a loop with its blocks changed; any other statement as it is."""
+    if isinstance(node, ast.If):
+        return ast.If(node.test, change(node.body), change(node.orelse))
+    if isinstance(node, ast.For):
+        return ast.For(node.target, node.iter, change(node.body), [], lineno=0)
+    return node
+
+
 def _live(body: list[ast.stmt], after: frozenset[str]) -> tuple[list[ast.stmt], frozenset[str]]:
     """The statements that count where ``after`` are read later; the names read from here on."""
     kept: list[ast.stmt] = []
     for node in reversed(body):
         if isinstance(node, ast.Return):
-            after = frozenset(_names([node]))
+            after = frozenset(names([node]))
             kept = [node]
         elif isinstance(node, ast.If):
             yes, in_yes = _live(node.body, after)
             no, in_no = _live(node.orelse, after)
             its = _condition(node.test, yes, no)
-            after = frozenset(_names([node.test])) | in_yes | in_no if its else after
+            after = frozenset(names([node.test])) | in_yes | in_no if its else after
             kept = [*its, *kept]
         elif isinstance(node, ast.For):
             inner, first = _turn(node.body, after)
             if inner:
                 kept.insert(0, ast.For(node.target, node.iter, inner, [], lineno=0))
-                after |= first | _names([node.iter])
+                after |= first | names([node.iter])
         elif isinstance(node, ast.AnnAssign) or _local(node) is not None:
             name, value = _local(node) or "", node.value  # type: ignore[attr-defined]
-            needed = name in after or (isinstance(node, ast.AnnAssign) and name in _all(kept))
+            needed = name in after or (isinstance(node, ast.AnnAssign) and name in names(kept))
             if needed:
                 kept.insert(0, node)
-                after = after - {name} | _names([value])
+                after = after - {name} | names([value])
             elif not fold.pure(value):
                 kept = [*(ast.Expr(call) for call in _outermost(value)), *kept]
-                after |= _names([value])
+                after |= names([value])
         else:
             kept.insert(0, node)
-            after |= _names([node])
+            after |= names([node])
     return kept, after
 
 
@@ -73,19 +83,15 @@ def _declared_late(body: list[ast.stmt]) -> list[ast.stmt]:
     """Declare a local where it gets the first value that is read, not one that is replaced."""
     body = list(body)
     for i, node in enumerate(body):
-        if isinstance(node, ast.If):
-            body[i] = ast.If(node.test, _declared_late(node.body), _declared_late(node.orelse))
-        elif isinstance(node, ast.For):
-            inner = _declared_late(node.body)
-            body[i] = ast.For(node.target, node.iter, inner, [], lineno=0)
-        elif isinstance(node, ast.AnnAssign) and node.value is not None and fold.pure(node.value):
+        body[i] = rebuilt(node, _declared_late)
+        if isinstance(node, ast.AnnAssign) and node.value is not None and fold.pure(node.value):
             name = _local(node)
-            later = next((k for k in range(i + 1, len(body)) if name in _all([body[k]])), None)
+            later = next((k for k in range(i + 1, len(body)) if name in names([body[k]])), None)
             if later is None or _local(body[later]) != name:
                 continue
             following = body[later]
             assert isinstance(following, ast.Assign | ast.AnnAssign) and following.value
-            if name not in _names([following.value]):
+            if name not in names([following.value]):
                 body[later] = ast.AnnAssign(node.target, node.annotation, following.value, 1)
                 return _declared_late([*body[:i], *body[i + 1 :]])
     return body
@@ -111,15 +117,6 @@ def _outermost(node: ast.AST) -> list[ast.expr]:
     if isinstance(node, ast.Call) and ast.unparse(node.func) not in fold.READERS:
         return [node]
     return [call for inner in ast.iter_child_nodes(node) for call in _outermost(inner)]
-
-
-def _all(body: Iterable[ast.AST]) -> set[str]:
-    """All names in ``body``."""
-    return {n.id for node in body for n in walk(node) if isinstance(n, ast.Name)}
-
-
-def _names(nodes: Iterable[ast.AST]) -> frozenset[str]:
-    return frozenset(_all(nodes))
 
 
 def _size(body: list[ast.stmt]) -> int:

@@ -2,46 +2,47 @@
 
 import ast
 
+from codegen.operations.relations import RELATIONS
+from codegen.operations.table import OPERATORS, Access, Operation
 from codegen.subset.program import (
     CONST_RECORD,
-    INTRINSICS,
-    KINDS,
-    MEMORY,
-    WRITERS,
+    Constant,
     Function,
+    Local,
+    Member,
     Module,
+    Parameter,
     Program,
+    RecordField,
     SubsetError,
+    base,
     evaluate,
+    is_scalar,
 )
 from codegen.subset.walk import walk
-
-ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.BitAnd, ast.BitOr, ast.BitXor, ast.LShift, ast.RShift)
-COMPARISONS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq)
 
 
 class ExpressionRules:
     """Checks the expressions of one function; ``scope`` holds the locals visible to C here."""
 
-    def __init__(
-        self,
-        program: Program,
-        function: Function,
-        written: dict[tuple[str, str], frozenset[str]],
-    ) -> None:
+    def __init__(self, program: Program, function: Function) -> None:
         self.program = program
         self.function = function
         self.module: Module = program.modules[function.module]
-        self.written = written
-        self.scope: list[dict[str, str]] = [{}]
+        self.scope: list[set[str]] = [set()]
 
     def refuse(self, node: ast.AST, rule: str) -> SubsetError:
         """The error that refuses ``node`` by ``rule``."""
         return SubsetError(self.module.path, node, rule)
 
-    def known(self, name: str) -> str | None:
-        """Kind of a local that is visible here, or None."""
-        return next((level[name] for level in reversed(self.scope) if name in level), None)
+    def visible(self, name: str) -> bool:
+        """Whether a scalar parameter or local of this name is declared here."""
+        return any(name in level for level in self.scope)
+
+    def declare(self, node: ast.AST, name: str) -> None:
+        """Refuse a local with the name of a parameter or of another local visible here."""
+        if self.visible(name) or name in self.function.parameters:
+            raise self.refuse(node, f"{name} is declared twice")
 
     def truth(self, node: ast.expr) -> None:
         """A condition: comparisons joined by and, or, not."""
@@ -53,7 +54,7 @@ class ExpressionRules:
         elif isinstance(node, ast.Compare):
             if len(node.ops) != 1:
                 raise self.refuse(node, "one comparison at a time: join them by 'and'")
-            if not isinstance(node.ops[0], COMPARISONS):
+            if type(node.ops[0]) not in RELATIONS:
                 raise self.refuse(node, f"{words(node.ops[0])} is not a comparison of integers")
             self.number(node.left)
             self.number(node.comparators[0])
@@ -71,19 +72,16 @@ class ExpressionRules:
         elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
             self.number(node.operand)
         elif isinstance(node, ast.BinOp):
-            if not isinstance(node.op, ARITHMETIC):
+            if type(node.op) not in OPERATORS:
                 raise self.refuse(node, f"operator {words(node.op)} is not in the subset: use tdiv")
             self.number(node.left)
             self.number(node.right)
             self.count(node.op, node.right)
         elif isinstance(node, ast.Call):
             self.arguments(node)
-            called = self.program.function(self.module, node.func)
-            if called is not None and called.result is None:
-                raise self.refuse(node, f"{called.name} returns nothing")
-            intrinsic = self.program.intrinsic(self.module, node.func)
-            if intrinsic in WRITERS:
-                raise self.refuse(node, f"{intrinsic} returns nothing")
+            match self.program.refs[node]:
+                case Function(name=name, result=None) | Access(name=name, writes=True):
+                    raise self.refuse(node, f"{name} returns nothing")
         elif isinstance(node, ast.Compare | ast.BoolOp):
             raise self.refuse(node, "a comparison is not a number: use if")
         else:
@@ -102,105 +100,89 @@ class ExpressionRules:
 
     def scalar(self, node: ast.expr) -> None:
         """A name, field or element with one value."""
+        ref = self.program.refs.get(node)
         if isinstance(node, ast.Name):
-            if self.known(node.id) in KINDS and node.id != "_":
+            if isinstance(ref, Local) and self.visible(node.id) and node.id != "_":
                 return
-            if self.known(node.id) is not None:
+            if isinstance(ref, Parameter) or (isinstance(ref, Local) and node.id == "_"):
                 raise self.refuse(node, f"{node.id} is not a number")
-        if isinstance(node, ast.Name | ast.Attribute):
-            if self.program.limit(self.module, node) is not None:
-                return
-            constant = self.program.constant(self.module, node)
-            if constant is not None:
-                if constant.type.shape:
-                    raise self.refuse(node, f"{constant.name} is a table: give its indices")
-                return
-            if isinstance(node, ast.Name):
+            if not isinstance(ref, Constant):
                 raise self.refuse(node, f"{node.id} is not defined here")
-        self.place(node)
-        if self.depth(node) != 0:
+        if isinstance(ref, Constant) and ref.type.shape and not isinstance(node, ast.Subscript):
+            raise self.refuse(node, f"{ref.name} is a table: give its indices")
+        if self.place(node) != 0:
             raise self.refuse(node, f"{ast.unparse(node)} is an array: give its indices")
 
-    def depth(self, node: ast.expr) -> int:
-        """Number of indices that ``node`` still needs to be a scalar."""
-        if isinstance(node, ast.Subscript):
-            return self.depth(node.value) - 1
-        constant = self.program.constant(self.module, node)
-        if constant is not None:
-            return len(constant.type.shape)
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-            given = self.function.parameters[node.value.id]
-            return len(self.program.record(given.record).fields[node.attr].type.shape)
-        assert isinstance(node, ast.Name)
-        return len(self.function.parameters[node.id].shape)
-
-    def place(self, node: ast.expr) -> str:
-        """Check a field, an element or a parameter array; return the parameter it belongs to."""
+    def place(self, node: ast.expr) -> int:
+        """Check a constant, a field, an element or an array; return how many indices it lacks."""
         if isinstance(node, ast.Subscript):
             if isinstance(node.slice, ast.Slice | ast.Tuple):
                 raise self.refuse(node, "an index is one number: a[i][j], no slices")
             self.number(node.slice)
-            base = self.place(node.value)
-            if self.depth(node) < 0:
+            lacking = self.place(node.value)
+            if lacking == 0:
                 raise self.refuse(node, f"{ast.unparse(node.value)} is not an array")
-            return base
-        named = isinstance(node, ast.Name | ast.Attribute)
-        if named and self.program.constant(self.module, node) is not None:
-            return ""
+            return lacking - 1
+        match self.program.refs.get(node):
+            case Constant(type=its) | Parameter(type=its) | Member(field=RecordField(type=its)):
+                return len(its.shape)
+            case Local(name=name) if name in self.function.parameters:
+                return 0
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-            given = self.function.parameters.get(node.value.id)
-            if given is None or given.kind != "record":
+            record = self.record_of(node.value)
+            if not record:
                 raise self.refuse(node, f"{node.value.id} is not a record")
-            if node.attr not in self.program.record(given.record).fields:
-                raise self.refuse(node, f"{given.record} has no field {node.attr}")
-            return node.value.id
-        if isinstance(node, ast.Name) and node.id in self.function.parameters:
-            return node.id
+            raise self.refuse(node, f"{record} has no field {node.attr}")
         raise self.refuse(node, f"{ast.unparse(node)} is not a field, array or table")
 
     def arguments(self, node: ast.Call) -> None:
         """Check the arguments of a call against its parameters."""
         if node.keywords or any(isinstance(a, ast.Starred) for a in node.args):
             raise self.refuse(node, "arguments are positional")
-        intrinsic = self.program.intrinsic(self.module, node.func)
-        if intrinsic is not None:
-            if len(node.args) != INTRINSICS[intrinsic]:
-                raise self.refuse(node, f"{intrinsic} takes {INTRINSICS[intrinsic]} arguments")
-            numbers = node.args
-            if intrinsic in (*MEMORY, *WRITERS, "bytes_of"):
-                self.record(node.args[0], intrinsic)
-                numbers = node.args[1:]
-            for argument in numbers:
-                self.number(argument)
-            return
-        called = self.program.function(self.module, node.func)
-        if called is None:
+        called = self.program.refs.get(node)
+        if not isinstance(called, Function | Operation | Access):
             raise self.refuse(node, f"{ast.unparse(node.func)} is not a function of the firmware")
-        if len(node.args) != len(called.parameters):
-            raise self.refuse(node, f"{called.name} takes {len(called.parameters)} arguments")
-        for argument, its in zip(node.args, called.parameters.values(), strict=True):
-            if its.kind == "record":
-                given = argument.id if isinstance(argument, ast.Name) else ""
-                if given not in self.function.parameters:
-                    raise self.refuse(argument, f"{called.name} needs a {its.record}")
-                if self.function.parameters[given] != its:
-                    raise self.refuse(argument, f"{called.name} needs a {its.record}")
-            elif its.shape:
-                self.place(argument)
-                if self.depth(argument) != len(its.shape):
-                    raise self.refuse(argument, f"{called.name} needs an array of {its.shape}")
-            else:
-                self.number(argument)
+        count = len(called.parameters if isinstance(called, Function) else called.operands)
+        count += isinstance(called, Access)
+        if len(node.args) != count:
+            raise self.refuse(node, f"{called.name} takes {count} arguments")
+        if isinstance(called, Function):
+            self.passed(node, called)
+            return
+        if isinstance(called, Access):
+            self.record(node.args[0], called)
+        for argument in node.args[isinstance(called, Access) :]:
+            self.number(argument)
 
-    def record(self, node: ast.expr, reader: str) -> None:
-        """Check the record argument of a function that reads memory."""
-        given = self.function.parameters.get(node.id) if isinstance(node, ast.Name) else None
-        if given is None or given.kind != "record":
-            raise self.refuse(node, f"{reader} takes a record")
-        if reader == "clear" and given.record == CONST_RECORD:
+    def passed(self, node: ast.Call, called: Function) -> None:
+        """Check the arguments of a call of a function of the firmware."""
+        for argument, its in zip(node.args, called.parameters.values(), strict=True):
+            if is_scalar(its):
+                self.number(argument)
+            elif its.shape:
+                if self.place(argument) != len(its.shape):
+                    raise self.refuse(argument, f"{called.name} needs an array of {its.shape}")
+            elif self.record_of(argument) != its.record:
+                raise self.refuse(argument, f"{called.name} needs a {its.record}")
+
+    def record(self, node: ast.expr, access: Access) -> None:
+        """Check the record argument of an intrinsic."""
+        record = self.record_of(node)
+        if not record:
+            raise self.refuse(node, f"{access.name} takes a record")
+        constant = record == CONST_RECORD
+        if access.effect == "clear" and constant:
             raise self.refuse(node, "the calibration is constant")
-        if reader in ("set_octet", "set_word") and given.record != CONST_RECORD:
-            raise self.refuse(node, f"{reader} writes a calibration: assign the fields of others")
+        if access.effect == "write" and not constant:
+            rule = f"{access.name} writes a calibration: assign the fields of others"
+            raise self.refuse(node, rule)
+
+    def record_of(self, node: ast.expr) -> str:
+        """The record class of a parameter named as an argument, or ""."""
+        match self.program.refs.get(node) if isinstance(node, ast.Name) else None:
+            case Parameter(type=its):
+                return its.record
+        return ""
 
     def order(
         self, node: ast.expr, targets: tuple[ast.expr, ...], *, augmented: bool = False
@@ -215,32 +197,31 @@ class ExpressionRules:
         outside = [inner for inner in walk(node) if inner not in inside]
         for target in targets:
             outside += list(walk(target)) if augmented else list(walk(target))[1:]
+        written = set(map(base, targets))
         for inner in outside:
-            if (
-                isinstance(inner, ast.Attribute)
-                and self.program.constant(self.module, inner) is None
-                and inner not in self._owners(targets)
-            ):
+            # what is called with the result of the call comes after it
+            if self.reads(inner) and inner not in written and effects[0] not in walk(inner):
                 raise self.refuse(node, "a call that writes beside a read: C orders them freely")
 
-    def _owners(self, targets: tuple[ast.expr, ...]) -> set[ast.AST]:
-        """The base of an assignment's target, which is written and not read."""
-        found: set[ast.AST] = set()
-        for target in targets:
-            base = target
-            while isinstance(base, ast.Subscript):
-                base = base.value
-            found.add(base)
-        return found
+    def reads(self, node: ast.AST) -> bool:
+        """Whether ``node`` reads a record or an array, itself or in the function that it calls."""
+        match self.program.refs.get(node):
+            case Member():
+                return isinstance(node, ast.Attribute)
+            case Function(parameters=parameters):
+                return isinstance(node, ast.Call) and not all(map(is_scalar, parameters.values()))
+            case Access():
+                return isinstance(node, ast.Call)
+        return False
 
     def writes(self, node: ast.AST) -> bool:
         """Whether ``node`` calls a function that writes its arguments."""
-        if not isinstance(node, ast.Call):
-            return False
-        if self.program.intrinsic(self.module, node.func) in WRITERS:
-            return True
-        called = self.program.function(self.module, node.func)
-        return called is not None and called.key in self.written
+        match self.program.refs.get(node) if isinstance(node, ast.Call) else None:
+            case Function(key=key):
+                return key in self.program.writers
+            case Access(writes=writes):
+                return writes
+        return False
 
 
 def words(node: ast.AST) -> str:

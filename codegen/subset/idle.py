@@ -7,16 +7,15 @@ of C. A function is empty if it has no statement, or only returns one of its par
 import ast
 from collections.abc import Mapping
 
-from codegen.subset.program import Function, Module, Program
-from codegen.subset.walk import walk
+from codegen.subset.program import Function, Module, Program, names, statements
 
 
 def leave_out(program: Program) -> None:
     """Remove such calls where they are statements, and modules left empty but the entries."""
-    idle = {f.key: f for f in program.functions() if _does_nothing(f)}
+    idle = {f.key: _passed(f) for f in program.functions() if _does_nothing(f)}
     for module in program.modules.values():
         for function in module.functions.values():
-            _prune(program, module, function.node, idle)
+            _prune(program, function.node, idle)
         _forget(module)
     used = {name for module in program.modules.values() for name in module.uses()}
     used |= set(program.entries)
@@ -26,70 +25,54 @@ def leave_out(program: Program) -> None:
             del program.modules[module.name]
 
 
-def _statements(function: Function) -> list[ast.stmt]:
-    body = function.node.body
-    return body[1:] if ast.get_docstring(function.node) is not None else body
-
-
 def _does_nothing(function: Function) -> bool:
-    body = _statements(function)
+    body = statements(function.node)
     return not body or (len(body) == 1 and _passed(function) is not None)
 
 
-def _passed(function: Function) -> str | None:
-    """The parameter that a function only returns."""
-    body = _statements(function)
+def _passed(function: Function) -> int | None:
+    """The number of the parameter that a function only returns."""
+    body = statements(function.node)
     value = body[0].value if body and isinstance(body[0], ast.Return) else None
-    return value.id if isinstance(value, ast.Name) and value.id in function.parameters else None
+    names = list(function.parameters)
+    return names.index(value.id) if isinstance(value, ast.Name) and value.id in names else None
 
 
-def _prune(
-    program: Program, module: Module, node: ast.AST, idle: Mapping[tuple[str, str], Function]
-) -> None:
+def _prune(program: Program, node: ast.AST, idle: Mapping[tuple[str, str], int | None]) -> None:
     for name in ("body", "orelse"):
         block = getattr(node, name, None)
         if isinstance(block, list):
-            kept = [s for s in block if not _is_idle(program, module, s, idle)]
+            kept = [s for s in block if not _is_idle(program, s, idle)]
             # a block must not become empty
             setattr(node, name, kept or block)
             for statement in kept:
-                _prune(program, module, statement, idle)
+                _prune(program, statement, idle)
 
 
 def _is_idle(
-    program: Program,
-    module: Module,
-    statement: ast.stmt,
-    idle: Mapping[tuple[str, str], Function],
+    program: Program, statement: ast.stmt, idle: Mapping[tuple[str, str], int | None]
 ) -> bool:
     """Whether a statement is ``f(…)``, or ``name = f(…, name, …)`` where f returns that name."""
     if not isinstance(statement, ast.Expr | ast.Assign) or not isinstance(
         statement.value, ast.Call
     ):
         return False
-    call = statement.value
-    called = program.function(module, call.func)
-    its = idle.get(called.key) if called is not None else None
-    if its is None or not all(
-        isinstance(argument, ast.Name | ast.Constant) for argument in call.args
-    ):
+    arguments = statement.value.args
+    called = program.refs.get(statement.value)
+    if not isinstance(called, Function) or called.key not in idle:
+        return False
+    if not all(isinstance(argument, ast.Name | ast.Constant) for argument in arguments):
         return False
     if isinstance(statement, ast.Expr):
-        return its.result is None
-    passed = _passed(its)
-    if passed is None or len(call.args) != len(its.parameters):
+        return called.result is None
+    passed = idle[called.key]
+    if passed is None or len(arguments) != len(called.parameters):
         return False
-    given = call.args[list(its.parameters).index(passed)]
-    return ast.unparse(statement.targets[0]) == ast.unparse(given)
+    return ast.unparse(statement.targets[0]) == ast.unparse(arguments[passed])
 
 
 def _forget(module: Module) -> None:
     """Drop imports of whole modules that no function of a module uses any more."""
-    named = {
-        node.id
-        for function in module.functions.values()
-        for node in walk(function.node)
-        if isinstance(node, ast.Name)
-    }
+    named = names(function.node for function in module.functions.values())
     for name in set(module.modules) - named:
         del module.modules[name]

@@ -8,14 +8,16 @@ rule; the rules for function bodies are in :mod:`codegen.subset.rules`.
 import ast
 import io
 import tokenize
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from canroll.errors import CanrollError
+from codegen.operations.intervals import KINDS
+from codegen.operations.table import INTRINSICS
 from codegen.subset import idle
 from codegen.subset.program import (
     FIRMWARE,
-    KINDS,
+    LIMITS,
     PACKAGE,
     RUNTIME,
     Const,
@@ -27,10 +29,14 @@ from codegen.subset.program import (
     RecordField,
     SubsetError,
     Type,
-    calls,
+    elements,
     evaluate,
     file_of,
 )
+from codegen.subset.resolve import resolve
+
+WORDS = frozenset((*KINDS, *LIMITS, *INTRINSICS, "F", "record"))
+"""What the subset itself offers to modules of the firmware."""
 
 
 def load(
@@ -47,6 +53,7 @@ def load(
     program = Program({}, (entry, *services))
     for name in program.entries:
         _load(program, name, folder, shown or {}, ())
+    resolve(program)
     _forbid_recursion(program)
     idle.leave_out(program)
     return program
@@ -80,6 +87,9 @@ def _load(
             raise SubsetError(path, 1, f"modules import each other: {name} and {used}")
         if used != RUNTIME:
             _load(program, used, folder, shown, (*within, name))
+    for node in tree.body:
+        if isinstance(node, ast.ImportFrom):
+            _refuse_unknown(program, module, node)
     program.modules[name] = module
     for node in tree.body:
         _top_level(program, module, node)
@@ -104,12 +114,29 @@ def _import(module: Module, node: ast.ImportFrom, folder: Path) -> None:
     for alias in node.names:
         if alias.asname is not None:
             raise SubsetError(module.path, node, "an import must not rename: remove 'as'")
+        home = source.rpartition(".")[2]
         if source == PACKAGE or (room.is_dir() and room != folder):
-            module.modules[alias.name] = alias.name
+            home = module.modules[alias.name] = alias.name
         elif source.startswith(f"{PACKAGE}."):
-            module.imported[alias.name] = (source.rpartition(".")[2], alias.name)
+            module.imported[alias.name] = (home, alias.name)
         elif (source, alias.name) != ("typing", "Annotated"):
             raise SubsetError(module.path, node, f"only the firmware imports itself, not {source}")
+        if source.startswith(PACKAGE) and home != RUNTIME and not file_of(home, folder).is_file():
+            named = f"{PACKAGE}.{home}" if source == PACKAGE else source
+            raise SubsetError(module.path, node, f"there is no module {named}")
+
+
+def _refuse_unknown(program: Program, module: Module, node: ast.ImportFrom) -> None:
+    """Refuse an import of what a module of the firmware does not have."""
+    for alias in node.names:
+        home, _ = module.imported.get(alias.name, ("", ""))
+        if home == RUNTIME:
+            known: Collection[str] = WORDS
+        elif home:
+            there = program.modules[home]
+            known = {*there.constants, *there.functions, *there.records, *there.imported}
+        if home and alias.name not in known:
+            raise SubsetError(module.path, node, f"{node.module} has no {alias.name}")
 
 
 def _top_level(program: Program, module: Module, node: ast.stmt) -> None:
@@ -163,7 +190,7 @@ def _constants(
     while isinstance(level, tuple):
         shape.append(len(level))
         level = level[0]
-    for element in _flat(known):
+    for _, element in elements(known):
         if not _fits(element, kind):
             raise SubsetError(module.path, target, f"{element} does not fit {kind}")
     module.constants[target.id] = Constant(
@@ -174,14 +201,6 @@ def _constants(
         target.lineno,
         max(target.lineno, statement.end_lineno or 0),
     )
-
-
-def _flat(value: Const) -> Iterator[int]:
-    if isinstance(value, int):
-        yield value
-    else:
-        for element in value:
-            yield from _flat(element)
 
 
 def _fits(value: int, kind: str) -> bool:
@@ -246,9 +265,10 @@ def _function(program: Program, module: Module, node: ast.FunctionDef) -> Functi
 
 
 def _record(program: Program, module: Module, node: ast.ClassDef) -> Record:
-    if [ast.unparse(d) for d in node.decorator_list] != ["record"] or node.bases:
-        raise SubsetError(module.path, node, "a class is a @record without bases")
-    found = {}
+    if [ast.unparse(d) for d in node.decorator_list] != ["record"] or len(node.bases) > 1:
+        raise SubsetError(module.path, node, "a class is a @record, derived from one at most")
+    inherited = _inherited(program, module, node.bases)
+    found = dict(inherited)
     for statement in node.body:
         if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
             continue
@@ -277,6 +297,9 @@ def _record(program: Program, module: Module, node: ast.ClassDef) -> Record:
         if not _fits(lo, kind) or not _fits(hi, kind):
             raise SubsetError(module.path, statement, f"[{lo}, {hi}] does not fit i32")
         name = statement.target.id
+        if name in found:
+            owner = ast.unparse(node.bases[0]) if name in inherited else node.name
+            raise SubsetError(module.path, statement, f"{owner} has a field {name} already")
         found[name] = RecordField(
             name,
             Type(kind, parse_type(program, module, annotation).shape),
@@ -291,6 +314,18 @@ def _record(program: Program, module: Module, node: ast.ClassDef) -> Record:
     return Record(module.name, node.name, ast.get_docstring(node) or "", node.lineno, found)
 
 
+def _inherited(
+    program: Program, module: Module, bases: Sequence[ast.expr]
+) -> Mapping[str, RecordField]:
+    """The fields of the record from which a record is derived."""
+    for base in bases:
+        its = parse_type(program, module, base)
+        if its.kind != "record":
+            raise SubsetError(module.path, base, f"{its.kind} is not a record")
+        return program.record(its.record).fields
+    return {}
+
+
 def _forbid_recursion(program: Program) -> None:
     done: set[tuple[str, str]] = set()
 
@@ -300,7 +335,7 @@ def _forbid_recursion(program: Program) -> None:
             raise SubsetError(path, function.node, f"{function.name} calls itself: no recursion")
         if function.key in done:
             return
-        for called in calls(program, function):
+        for called in program.calls(function):
             visit(called, (*above, function.key))
         done.add(function.key)
 

@@ -5,40 +5,21 @@ Nothing is imported or run: :mod:`codegen.subset.parse` reads the sources into t
 
 import ast
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import prod
 from pathlib import Path
 from typing import Any
 
 from canroll.errors import CanrollError
+from codegen.operations.intervals import KINDS
+from codegen.operations.table import CONSTANT_OPERATORS, INTRINSICS, Intrinsic
 from codegen.subset.walk import walk
 
 FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
 PACKAGE = "firmware"
 RUNTIME = "subset"
-KINDS = {
-    "i32": (-(2**31), 2**31 - 1),
-    "i64": (-(2**63), 2**63 - 1),
-    "u8": (0, 255),
-    "u16": (0, 2**16 - 1),
-    "u32": (0, 2**32 - 1),
-}
-INTRINSICS = {"sat32": 1, "sat31": 1, "scaled": 2, "clamp": 3, "rsh": 2, "tdiv": 2}
-INTRINSICS |= {"byte": 1, "narrow": 1, "word": 2, "octet": 2}
-INTRINSICS |= {"to_i32": 1, "to_u32": 1, "clear": 1, "bytes_of": 1, "set_octet": 3}
-INTRINSICS |= {"set_word": 3}
-MEMORY = {"word": "i32", "octet": "u8"}
-"""Intrinsics that read a record as an array, and of what."""
-WRITERS = ("clear", "set_octet", "set_word")
-"""Intrinsics that write their record and return nothing."""
-BITS_31 = (-(2**30), 2**30 - 1)
-LIMITS = {
-    "I32_MIN": KINDS["i32"][0],
-    "I32_MAX": KINDS["i32"][1],
-    "I64_MIN": KINDS["i64"][0],
-    "I64_MAX": KINDS["i64"][1],
-}
 CONST_RECORD = "Calibration"
 
 Const = int | tuple[Any, ...]
@@ -136,7 +117,15 @@ class Constant:
     end_line: int
 
 
-@dataclass(frozen=True, slots=True)
+LIMITS = {
+    name: Constant(RUNTIME, name, value, Type(kind), 0, 0)
+    for kind in ("i32", "i64")
+    for name, value in zip((f"{kind.upper()}_MIN", f"{kind.upper()}_MAX"), KINDS[kind], strict=True)
+}
+"""Constants of the subset itself."""
+
+
+@dataclass(frozen=True)
 class Function:
     """One function of the firmware; ``result`` is None where it returns nothing."""
 
@@ -150,6 +139,51 @@ class Function:
     def key(self) -> tuple[str, str]:
         """Module and name."""
         return (self.module, self.name)
+
+    @cached_property
+    def kinds(self) -> dict[str, str]:
+        """Kind of each scalar parameter, local and loop counter."""
+        kinds = {name: its.kind for name, its in self.parameters.items() if is_scalar(its)}
+        for node in walk(self.node):
+            if isinstance(node, ast.For) and isinstance(node.target, ast.Name):
+                kinds.setdefault(node.target.id, "i32")
+            elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+                kinds[node.target.id] = getattr(node.annotation, "id", "")
+        return kinds
+
+    @cached_property
+    def assigned(self) -> frozenset[str]:
+        """Names that it assigns again after their declaration."""
+        return frozenset(assigned(self.node))
+
+
+@dataclass(frozen=True, slots=True)
+class Local:
+    """A scalar parameter, a local or a loop counter."""
+
+    name: str
+    kind: str
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter that is a record or an array."""
+
+    name: str
+    type: Type
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A field of the record that the parameter ``owner`` is."""
+
+    owner: str
+    record: str
+    field: RecordField
+
+
+Ref = Local | Parameter | Member | Constant | Function | Intrinsic
+"""What a name, field, element or call of a function body refers to."""
 
 
 @dataclass(slots=True)
@@ -175,10 +209,18 @@ class Module:
 
 @dataclass(slots=True)
 class Program:
-    """All modules, each after those it uses; ``entries`` are those with the entry points."""
+    """All modules, each after those it uses; ``entries`` are those with the entry points.
+
+    Attributes:
+        refs: what each name, field, element and call in a function refers to, by its node; an
+            element refers to its array, a call to what is called.
+        writers: functions that write to their parameters, with the names of those parameters.
+    """
 
     modules: dict[str, Module]
     entries: tuple[str, ...] = ()
+    refs: dict[ast.AST, Ref] = field(default_factory=dict)
+    writers: dict[tuple[str, str], frozenset[str]] = field(default_factory=dict)
 
     def functions(self) -> Iterator[Function]:
         """Every function, module by module."""
@@ -192,39 +234,75 @@ class Program:
                 return module.records[name]
         raise KeyError(name)
 
-    def constant(self, module: Module, node: ast.expr) -> Constant | None:
-        """The constant a name or ``module.name`` stands for, or None."""
-        home, name = self._where(module, node)
-        return self.modules[home].constants.get(name) if home in self.modules else None
+    def references(self, function: Function) -> Iterator[tuple[ast.AST, Ref]]:
+        """Each node of ``function`` that refers to something, with what it refers to."""
+        for node in walk(function.node):
+            ref = self.refs.get(node)
+            if ref is not None:
+                yield node, ref
 
-    def function(self, module: Module, node: ast.expr) -> Function | None:
-        """The function a name or ``module.name`` stands for, or None."""
-        home, name = self._where(module, node)
-        return self.modules[home].functions.get(name) if home in self.modules else None
+    def calls(self, function: Function) -> list[Function]:
+        """Functions that ``function`` calls, each once."""
+        called = (ref for node, ref in self.references(function) if isinstance(node, ast.Call))
+        return list({ref.key: ref for ref in called if isinstance(ref, Function)}.values())
 
-    def intrinsic(self, module: Module, node: ast.expr) -> str | None:
-        """The intrinsic a name stands for, or None."""
-        home, name = self._where(module, node)
-        return name if home == RUNTIME and name in INTRINSICS else None
-
-    def limit(self, module: Module, node: ast.expr) -> int | None:
-        """The value of I32_MIN and its like, or None."""
-        home, name = self._where(module, node)
-        return LIMITS.get(name) if home == RUNTIME else None
-
-    def _where(self, module: Module, node: ast.expr) -> tuple[str, str]:
+    def lookup(self, module: Module, node: ast.expr) -> Constant | Function | Intrinsic | None:
+        """What a name or ``module.name`` means at the top of ``module``, or None."""
+        home, name = module.name, ""
         if isinstance(node, ast.Name):
-            if node.id in module.imported:
-                home, name = module.imported[node.id]
-                if home in self.modules and name in self.modules[home].imported:
-                    return self.modules[home].imported[name]
-                return home, name
-            return module.name, node.id
-        owner = node.value if isinstance(node, ast.Attribute) else None
-        if isinstance(owner, ast.Name) and owner.id in module.modules:
-            assert isinstance(node, ast.Attribute)
-            return module.modules[owner.id], node.attr
-        return "", ""
+            home, name = module.imported.get(node.id, (home, node.id))
+            if home in self.modules and home != module.name:
+                home, name = self.modules[home].imported.get(name, (home, name))
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            home, name = module.modules.get(node.value.id, ""), node.attr
+        if home == RUNTIME:
+            return LIMITS.get(name) or INTRINSICS.get(name)
+        if home not in self.modules:
+            return None
+        there = self.modules[home]
+        return there.constants.get(name) or there.functions.get(name)
+
+
+def elements(value: object, prefix: tuple[int, ...] = ()) -> Iterator[tuple[tuple[int, ...], int]]:
+    """The integers in nested tuples, each with its indices."""
+    if isinstance(value, tuple):
+        for i, inner in enumerate(value):
+            yield from elements(inner, (*prefix, i))
+    else:
+        yield prefix, int(value)  # type: ignore[call-overload]
+
+
+def is_scalar(its: Type) -> bool:
+    """Whether a type is that of one number."""
+    return its.kind != "record" and not its.shape
+
+
+def statements(node: ast.FunctionDef) -> list[ast.stmt]:
+    """The body of a function without its docstring."""
+    return node.body[ast.get_docstring(node) is not None :]
+
+
+def assigned(node: ast.AST) -> set[str]:
+    """Names that ``node`` assigns, but where it declares them."""
+    found = set()
+    for inner in walk(node):
+        targets = inner.targets if isinstance(inner, ast.Assign) else []
+        if isinstance(inner, ast.AugAssign | ast.For):
+            targets = [inner.target]
+        found |= {target.id for target in targets if isinstance(target, ast.Name)}
+    return found
+
+
+def names(nodes: Iterable[ast.AST]) -> set[str]:
+    """All names in ``nodes``."""
+    return {n.id for node in nodes for n in walk(node) if isinstance(n, ast.Name)}
+
+
+def base(node: ast.expr) -> ast.expr:
+    """The array of which ``node`` is an element or a row."""
+    while isinstance(node, ast.Subscript):
+        node = node.value
+    return node
 
 
 def evaluate(program: Program, module: Module, node: ast.expr) -> Const:
@@ -233,51 +311,20 @@ def evaluate(program: Program, module: Module, node: ast.expr) -> Const:
         return node.value
     if isinstance(node, ast.Tuple):
         return tuple(evaluate(program, module, element) for element in node.elts)
-    if isinstance(node, ast.Name | ast.Attribute):
-        limit = program.limit(module, node)
-        constant = program.constant(module, node)
-        if limit is not None:
-            return limit
-        if constant is not None:
-            return constant.value
+    constant = program.lookup(module, node)
+    if isinstance(constant, Constant):
+        return constant.value
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
         inner = evaluate(program, module, node.operand)
         if isinstance(inner, int):
             return -inner
     if isinstance(node, ast.BinOp):
         left, right = (evaluate(program, module, side) for side in (node.left, node.right))
-        operation = OPERATIONS.get(type(node.op))
+        operation = CONSTANT_OPERATORS.get(type(node.op))
         if operation and isinstance(left, int) and isinstance(right, int):
             if isinstance(node.op, ast.Pow | ast.LShift | ast.RShift) and not 0 <= right <= 64:
                 raise SubsetError(module.path, node, f"{right} is no shift count or exponent")
             if isinstance(node.op, ast.FloorDiv) and right == 0:
                 raise SubsetError(module.path, node, "divides by zero")
-            return operation(left, right)
+            return int(operation(left, right))
     raise SubsetError(module.path, node, f"'{ast.unparse(node)}' is not a constant of ints")
-
-
-OPERATIONS: dict[type[ast.operator], Callable[[int, int], int]] = {
-    ast.Add: lambda a, b: a + b,
-    ast.Sub: lambda a, b: a - b,
-    ast.Mult: lambda a, b: a * b,
-    ast.LShift: lambda a, b: a << b,
-    ast.RShift: lambda a, b: a >> b,
-    ast.BitOr: lambda a, b: a | b,
-    ast.BitAnd: lambda a, b: a & b,
-    ast.BitXor: lambda a, b: a ^ b,
-    ast.FloorDiv: lambda a, b: a // b,
-    ast.Pow: lambda a, b: int(a**b),
-}
-"""What operators do to constants."""
-
-
-def calls(program: Program, function: Function) -> list[Function]:
-    """Functions that ``function`` calls, each once."""
-    module = program.modules[function.module]
-    found = {}
-    for node in walk(function.node):
-        if isinstance(node, ast.Call):
-            called = program.function(module, node.func)
-            if called is not None:
-                found[called.key] = called
-    return list(found.values())

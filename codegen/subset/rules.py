@@ -8,9 +8,19 @@ import ast
 import re
 from collections.abc import Callable
 
-from codegen.subset.effects import writers
-from codegen.subset.expression_rules import ARITHMETIC, ExpressionRules, words
-from codegen.subset.program import CONST_RECORD, INTRINSICS, KINDS, Function, Program, evaluate
+from codegen.operations.intervals import KINDS
+from codegen.operations.table import INTRINSICS, OPERATORS
+from codegen.subset.expression_rules import ExpressionRules, words
+from codegen.subset.program import (
+    CONST_RECORD,
+    Constant,
+    Function,
+    Member,
+    Program,
+    assigned,
+    evaluate,
+    is_scalar,
+)
 from codegen.subset.walk import walk
 
 C_WORDS = frozenset(
@@ -25,27 +35,22 @@ C_WORDS = frozenset(
 
 def check(program: Program) -> None:
     """Raise SubsetError for the first construct of any function that is outside the subset."""
-    written = writers(program)
     for function in program.functions():
-        _Checker(program, function, written).run()
+        _Checker(program, function).run()
 
 
 class _Checker(ExpressionRules):
     """Checks the statements of one function."""
 
-    def __init__(
-        self,
-        program: Program,
-        function: Function,
-        written: dict[tuple[str, str], frozenset[str]],
-    ) -> None:
-        super().__init__(program, function, written)
+    def __init__(self, program: Program, function: Function) -> None:
+        super().__init__(program, function)
         self.loops: list[str] = []
 
     def run(self) -> None:
         for name, its in self.function.parameters.items():
             self.name(self.function.node, name)
-            self.scope[0][name] = its.kind if not its.shape else "array"
+            if is_scalar(its):
+                self.scope[0].add(name)
         self.block(self.function.node.body, documented=True)
         if self.function.result is not None and not _returns(self.function.node.body):
             raise self.refuse(self.function.node, f"{self.function.name} must end in a return")
@@ -57,7 +62,7 @@ class _Checker(ExpressionRules):
             raise self.refuse(node, f"'{name}' is a word of the subset")
 
     def block(self, statements: list[ast.stmt], *, documented: bool = False) -> None:
-        self.scope.append({})
+        self.scope.append(set())
         for i, statement in enumerate(statements):
             text = isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
             if text and documented and i == 0:
@@ -86,11 +91,10 @@ class _Checker(ExpressionRules):
             raise self.refuse(node, f"{node.target.id} needs a value where it is declared")
         name = node.target.id
         self.name(node, name)
-        if self.known(name) is not None:
-            raise self.refuse(node, f"{name} is declared twice")
+        self.declare(node, name)
         self.number(node.value)
         self.order(node.value, ())
-        self.scope[-1][name] = ast.unparse(node.annotation)
+        self.scope[-1].add(name)
 
     def assignment(self, node: ast.Assign) -> None:
         if len(node.targets) != 1:
@@ -100,7 +104,7 @@ class _Checker(ExpressionRules):
         self.order(node.value, (node.targets[0],))
 
     def augmented(self, node: ast.AugAssign) -> None:
-        if not isinstance(node.op, ARITHMETIC):
+        if type(node.op) not in OPERATORS:
             raise self.refuse(node, f"operator {words(node.op)} is not in the subset: use tdiv")
         self.target(node.target)
         self.number(node.value)
@@ -111,15 +115,18 @@ class _Checker(ExpressionRules):
         if isinstance(node, ast.Name):
             if node.id in self.loops:
                 raise self.refuse(node, f"the loop counter {node.id} belongs to its loop")
-            if self.known(node.id) is None:
-                raise self.refuse(node, f"{node.id} is not declared here: name: type = value")
-            if self.known(node.id) not in KINDS:
+            if node.id in self.function.parameters and not self.visible(node.id):
                 raise self.refuse(node, f"{node.id} is not a scalar")
+            if not self.visible(node.id):
+                raise self.refuse(node, f"{node.id} is not declared here: name: type = value")
             return
         if not isinstance(node, ast.Attribute | ast.Subscript):
             raise self.refuse(node, f"{words(node)} cannot be assigned")
-        base = self.place(node)
-        if self.function.parameters[base].record == CONST_RECORD:
+        self.place(node)
+        target = self.program.refs[node]
+        if isinstance(target, Constant):
+            raise self.refuse(node, f"{target.name} is constant")
+        if isinstance(target, Member) and target.record == CONST_RECORD:
             raise self.refuse(node, "the calibration is constant")
 
     def condition(self, node: ast.If) -> None:
@@ -146,9 +153,8 @@ class _Checker(ExpressionRules):
         name = node.target.id
         if name != "_":
             self.name(node, name)
-            if self.known(name) is not None:
-                raise self.refuse(node, f"{name} is declared twice")
-        self.scope.append({name: "i32"})
+            self.declare(node, name)
+        self.scope.append({name})
         self.loops.append(name)
         self.block(node.body)
         self.loops.pop()
@@ -156,22 +162,14 @@ class _Checker(ExpressionRules):
 
     def steady(self, bound: ast.expr, loop: ast.For) -> None:
         """Refuse a bound that changes in its loop: Python reads it once, C in every iteration."""
-        inside = {
-            target.id
-            for node in walk(loop)
-            for target in (node.targets if isinstance(node, ast.Assign) else [])
-            + ([node.target] if isinstance(node, ast.AugAssign) else [])
-            if isinstance(target, ast.Name)
-        }
+        inside = {name for statement in loop.body for name in assigned(statement)}
         for node in walk(bound):
             if isinstance(node, ast.Name) and node.id in inside:
                 raise self.refuse(bound, f"the loop changes its bound {node.id}")
-            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-                given = self.function.parameters.get(node.value.id)
-                if given is not None and given.record != CONST_RECORD:
-                    raise self.refuse(
-                        bound, "a loop's bound must be a constant, a local or a calibration value"
-                    )
+            ref = self.program.refs.get(node)
+            if isinstance(ref, Member) and ref.record != CONST_RECORD:
+                rule = "a loop's bound must be a constant, a local or a calibration value"
+                raise self.refuse(bound, rule)
             if isinstance(node, ast.Call):
                 raise self.refuse(bound, "a loop's bound must not call a function")
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from capstone import CS_AC_WRITE, CsInsn, arm
 
-from codegen.proof.intervals import Value, add, bitwise, multiply, negate
+from codegen.operations.intervals import Value, add, bitwise, multiply, negate
 from codegen.worst_case.conditions import ZERO
 from codegen.worst_case.machine_state import I32, Flags, State, wrapped
 

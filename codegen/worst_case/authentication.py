@@ -8,7 +8,7 @@ as it is called.
 from collections import Counter
 from dataclasses import dataclass
 
-from codegen.proof.intervals import Value
+from codegen.operations.intervals import Value
 from codegen.worst_case.longest_path import Bound, LongestPath
 from codegen.worst_case.machine_state import I32, State
 

@@ -4,8 +4,8 @@ import ast
 
 from capstone import arm
 
-from codegen.proof.intervals import Value, add, negate
-from codegen.proof.relations import narrow
+from codegen.operations.intervals import Value, add, negate
+from codegen.operations.relations import narrow
 from codegen.worst_case.machine_state import I32, Flags, State
 
 EQ, NE, HS, LO, MI, PL = (

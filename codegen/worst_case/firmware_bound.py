@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
-from codegen.proof.intervals import Value
+from codegen.operations.intervals import Value
 from codegen.run import cortex, memory_image, qemu
 from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.ecu_traffic import Traffic, disturbed, flooded, storm

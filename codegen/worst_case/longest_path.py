@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from capstone import CsInsn, arm
 
 from canroll.errors import CanrollError
-from codegen.proof.intervals import Value
+from codegen.operations.intervals import Value
 from codegen.worst_case import library
 from codegen.worst_case.arithmetic import NUMBER
 from codegen.worst_case.conditions import EQ, NE, OPPOSITE, ZERO, where

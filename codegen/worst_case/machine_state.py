@@ -8,7 +8,7 @@ from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from codegen.proof.intervals import Value, hull
+from codegen.operations.intervals import Value, hull
 
 I32 = Value(-(1 << 31), (1 << 31) - 1)
 N_REGISTERS = 16

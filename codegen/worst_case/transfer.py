@@ -6,7 +6,7 @@ Instructions that are not modelled soundly make their targets unknown; all store
 from capstone import CsInsn, arm
 
 from canroll.errors import CanrollError
-from codegen.proof.intervals import Value, add, hull, multiply, negate
+from codegen.operations.intervals import Value, add, hull, multiply, negate
 from codegen.worst_case.arithmetic import NUMBER, any_value, compute
 from codegen.worst_case.conditions import OPPOSITE, where
 from codegen.worst_case.machine_code import Image, conditional

@@ -60,6 +60,7 @@ REFUSED = {
     "variable shift": ("a: i64 = 1 << ecu.count  # here", "a shift count is a constant"),
     "large shift": ("a: i64 = ecu.count >> 63  # here", "must be 0 to 62"),
     "constant record": ("cal.shift = 3  # here", "the calibration is constant"),
+    "constant table": ("TABLE[0] = 3  # here", "TABLE is constant"),
     "unknown field": ("ecu.cuont = 3  # here", "Ecu has no field cuont"),
     "unknown function": ("foo(ecu)  # here", "not a function of the firmware"),
     "builtin": ("ecu.count = abs(ecu.count)  # here", "not a function of the firmware"),
@@ -88,6 +89,14 @@ REFUSED = {
     "name of a type": ("x_t: i32 = 1  # here", "another meaning in C"),
     "order of calls": ("ecu.count = set_it(ecu) + set_it(ecu)  # here", "C orders them freely"),
     "call beside read": ("ecu.count = set_it(ecu) + ecu.x[0]  # here", "C orders them freely"),
+    "call beside a reading call": (
+        "ecu.count = set_it(ecu) + get_it(ecu)  # here",
+        "C orders them freely",
+    ),
+    "call beside memory": (
+        "ecu.count = set_it(ecu) + octet(ecu, 0)  # here",
+        "C orders them freely",
+    ),
     "wide in narrow": ("a: i32 = ecu.count << 40  # here", "may not fit i32"),
     "wide in field": ("ecu.x[1] = ecu.x[0] * MASK  # here", "may not fit i32"),
     "negative in byte": ("ecu.small = ecu.x[0]  # here", "may not fit u8"),
@@ -98,6 +107,10 @@ HELPERS = """
 def set_it(ecu: Ecu) -> i32:
     ecu.count = 1
     return 2
+
+
+def get_it(ecu: Ecu) -> i32:
+    return ecu.count
 
 
 def take(v: i32) -> None:

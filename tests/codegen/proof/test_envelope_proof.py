@@ -9,8 +9,11 @@ import ast
 import pytest
 import z3
 
+from codegen.operations.intervals import BITS_31, KINDS
+from codegen.operations.relations import RELATIONS
+from codegen.operations.table import OPERATORS
 from codegen.subset.parse import load
-from codegen.subset.program import BITS_31, KINDS
+from codegen.subset.program import Constant, Function, Member
 from firmware.calibration import Calibration
 from firmware.state import Ecu
 from firmware.subset import fields
@@ -35,74 +38,56 @@ class Symbolic:
     def call(self, module, name, *arguments):
         function = PROGRAM.modules[module].functions[name]
         names = dict(zip(function.parameters, arguments, strict=True))
-        return self.block(PROGRAM.modules[module], function.node.body, names)
+        return self.block(function.node.body, names)
 
-    def block(self, module, statements, names):
+    def block(self, statements, names):
         """Run statements; the value returned, or None. An early return takes the rest as else."""
         for k, node in enumerate(statements):
             if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
                 continue
             if isinstance(node, ast.Return):
-                return self.value(module, node.value, names)
+                return self.value(node.value, names)
             if isinstance(node, ast.If):
-                return self.branches(module, node, statements[k + 1 :], names)
+                return self.branches(node, statements[k + 1 :], names)
             target = node.target if isinstance(node, ast.AnnAssign) else node.targets[0]
-            names[target.id] = self.value(module, node.value, names)
+            names[target.id] = self.value(node.value, names)
         return None
 
-    def branches(self, module, node, rest, names):
+    def branches(self, node, rest, names):
         """An ``if`` and what follows it, once for each way."""
-        test = self.value(module, node.test, names)
-        yes = self.block(module, [*node.body, *rest], dict(names))
-        no = self.block(module, [*node.orelse, *rest], dict(names))
+        test = self.value(node.test, names)
+        yes = self.block([*node.body, *rest], dict(names))
+        no = self.block([*node.orelse, *rest], dict(names))
         return z3.If(test, yes, no)
 
-    def value(self, module, node, names):
+    def value(self, node, names):
         if isinstance(node, ast.Constant):
             return z3.IntVal(node.value)
-        if isinstance(node, ast.Name):
-            constant = PROGRAM.constant(module, node)
-            return names[node.id] if constant is None else z3.IntVal(constant.value)
-        if isinstance(node, ast.Attribute):
-            return self.field(node.attr)
         if isinstance(node, ast.UnaryOp):
-            return -self.value(module, node.operand, names)
+            return -self.value(node.operand, names)
         if isinstance(node, ast.BoolOp):
             join = z3.And if isinstance(node.op, ast.And) else z3.Or
-            return join(*(self.value(module, each, names) for each in node.values))
-        if isinstance(node, ast.BinOp | ast.Compare):
-            return self.operation(module, node, names)
-        called = PROGRAM.function(module, node.func)
-        arguments = [self.value(module, each, names) for each in node.args]
-        if called is not None:
-            return self.call(called.module, called.name, *arguments)
-        kind = PROGRAM.intrinsic(module, node.func)
-        low, high = arguments[1:] if kind == "clamp" else BITS_31
-        assert kind in ("clamp", "sat31"), kind
-        return z3.If(arguments[0] > high, high, z3.If(arguments[0] < low, low, arguments[0]))
+            return join(*(self.value(each, names) for each in node.values))
+        if isinstance(node, ast.BinOp):
+            sides = (self.value(each, names) for each in (node.left, node.right))
+            return OPERATORS[type(node.op)].fold(*sides)
+        if isinstance(node, ast.Compare):
+            sides = (self.value(each, names) for each in (node.left, node.comparators[0]))
+            return RELATIONS[type(node.ops[0])].holds(*sides)
+        ref = PROGRAM.refs[node]
+        if isinstance(node, ast.Call):
+            return self.called(ref, [self.value(each, names) for each in node.args])
+        if isinstance(ref, Constant):
+            return z3.IntVal(ref.value)
+        return self.field(ref.field.name) if isinstance(ref, Member) else names[node.id]
 
-    def operation(self, module, node, names):
-        sides = (
-            (node.left, node.right)
-            if isinstance(node, ast.BinOp)
-            else (
-                node.left,
-                node.comparators[0],
-            )
-        )
-        a, b = (self.value(module, each, names) for each in sides)
-        sign = node.op if isinstance(node, ast.BinOp) else node.ops[0]
-        return {
-            ast.Add: lambda: a + b,
-            ast.Sub: lambda: a - b,
-            ast.Mult: lambda: a * b,
-            ast.Lt: lambda: a < b,
-            ast.Gt: lambda: a > b,
-            ast.LtE: lambda: a <= b,
-            ast.GtE: lambda: a >= b,
-            ast.Eq: lambda: a == b,
-            ast.NotEq: lambda: a != b,
-        }[type(sign)]()
+    def called(self, ref, arguments):
+        """A function, or an intrinsic that limits its first argument."""
+        if isinstance(ref, Function):
+            return self.call(ref.module, ref.name, *arguments)
+        low, high = ref.limits(*arguments)
+        assert ref.name in ("clamp", "sat31"), ref.name
+        return z3.If(arguments[0] > high, high, z3.If(arguments[0] < low, low, arguments[0]))
 
 
 @pytest.fixture
@@ -171,9 +156,9 @@ def test_a_law_may_have_pushed_outward_only_where_the_acceleration_exceeds_its_t
 def _with_shift(value, fallen):
     """``rsh`` of the threshold is a symbol, whose rounding is stated."""
 
-    def of(module, node, names):
-        if isinstance(node, ast.Call) and PROGRAM.intrinsic(module, node.func) == "rsh":
+    def of(node, names):
+        if isinstance(node, ast.Call) and PROGRAM.refs[node].name == "rsh":
             return fallen
-        return value(module, node, names)
+        return value(node, names)
 
     return of

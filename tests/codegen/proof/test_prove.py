@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from canroll.cli import prove as command
 from canroll.errors import CanrollError
-from codegen.proof import intervals as iv
-from codegen.proof.intervals import Value
+from codegen.operations import intervals as iv
+from codegen.operations.intervals import Value
 from codegen.proof.prove import prove
 from codegen.run import ecu_traffic, memory_image
 from codegen.run.bus_firmware import built_in
@@ -248,7 +248,7 @@ def test_values_met_at_run_time_lie_in_the_intervals(sample, seed):
     proof = prove(program)
     run = program.modules["sample"].functions["run"]
     last = run.node.body[-2]
-    interval = proof.seen[id(last.value)]
+    interval = proof.seen[last.value]
     namespace = {}
     state = {}
     exec(compile(sample.state, "state", "exec"), state)

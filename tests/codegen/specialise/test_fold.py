@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from codegen.operations.relations import RELATIONS
+from codegen.operations.table import INTRINSICS, OPERATORS
 from codegen.specialise import fold
-from codegen.subset.program import INTRINSICS
 from firmware import subset
 
 NAMES = ("a", "b")
@@ -20,7 +21,7 @@ def leaf():
 
 
 def inner(children):
-    plain = [op for op in fold.OPERATIONS if op not in (ast.LShift, ast.RShift)]
+    plain = [op for op in OPERATORS if op not in (ast.LShift, ast.RShift)]
     operators = st.sampled_from(plain)
     sums = st.tuples(operators, children, children).map(lambda t: ast.BinOp(t[1], t[0](), t[2]))
     shifts = st.tuples(st.sampled_from([ast.LShift, ast.RShift]), children, st.integers(0, 8)).map(
@@ -38,7 +39,7 @@ def inner(children):
 
 EXPRESSIONS = st.recursive(leaf(), inner, max_leaves=12)
 CONDITIONS = st.recursive(
-    st.tuples(st.sampled_from([*fold.RELATIONS]), leaf(), leaf()).map(
+    st.tuples(st.sampled_from([*RELATIONS]), leaf(), leaf()).map(
         lambda t: ast.Compare(t[1], [t[0]()], [t[2]])
     ),
     lambda c: (
@@ -55,19 +56,7 @@ def folded(node, values):
     """``node`` rebuilt by the rules, with what ``values`` say of its names known."""
     if isinstance(node, ast.Name):
         return fold.literal(values[node.id]) if node.id in values else node
-    if isinstance(node, ast.UnaryOp):
-        inside = folded(node.operand, values)
-        return fold.inverse(inside) if isinstance(node.op, ast.Not) else fold.negated(inside)
-    if isinstance(node, ast.BinOp):
-        return fold.operation(node.op, folded(node.left, values), folded(node.right, values))
-    if isinstance(node, ast.Call):
-        return fold.intrinsic(node.func.id, [folded(each, values) for each in node.args])
-    if isinstance(node, ast.Compare):
-        sides = (folded(each, values) for each in (node.left, node.comparators[0]))
-        return fold.comparison(node.ops[0], *sides)
-    if isinstance(node, ast.BoolOp):
-        return fold.joined(node.op, [folded(each, values) for each in node.values])
-    return node
+    return fold.mapped(node, lambda inner: folded(inner, values))
 
 
 def worth(node, values):

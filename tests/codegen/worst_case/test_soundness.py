@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from elftools.elf.elffile import ELFFile
 
-from codegen.proof.intervals import hull
+from codegen.operations.intervals import hull
 from codegen.run import cortex, ecu_traffic, memory_image, native
 from codegen.worst_case import firmware_bound as worst
 from codegen.worst_case import library, longest_path

@@ -2,6 +2,16 @@
 
 from dataclasses import dataclass
 
+KINDS = {
+    "i32": (-(2**31), 2**31 - 1),
+    "i64": (-(2**63), 2**63 - 1),
+    "u8": (0, 255),
+    "u16": (0, 2**16 - 1),
+    "u32": (0, 2**32 - 1),
+}
+"""Least and largest number of each kind."""
+BITS_31 = (-(2**30), 2**30 - 1)
+
 
 @dataclass(frozen=True, slots=True)
 class Value:

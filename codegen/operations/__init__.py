@@ -1,0 +1,1 @@
+"""The operations of the integer subset, one row each: value, interval, obligations, C."""
