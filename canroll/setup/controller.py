@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,8 @@ COMMANDS = {
 """Message that a calibration's actuator is commanded by."""
 RECENT: deque[tuple[str, Task, Design]] = deque(maxlen=32)
 """Designs of this process: a sweep uses the same one at every speed."""
+FROZEN: deque[tuple[Design, QuantiseOptions, Calibration, Mapping[str, Any]]] = deque(maxlen=32)
+"""Their calibrations, likewise."""
 COMMAND_TIMEOUT = 0.160
 """Age at which actuators release a command, s."""
 COUNTS = 15
@@ -241,7 +244,7 @@ def _designed(choices: Mapping[str, Any]) -> PreparedController:
     if task.actuator == "valves" and not answer.controller.commands_axles:
         # a moment law drives the bars' own torque loop, for a current is the rate of a moment
         answer = replace(answer, task=replace(task, actuator="bars"))
-    record, tables = calibrate(answer, options)
+    record, tables = _frozen(answer, options)
     return PreparedController(
         vehicle=task.vehicle,
         law=law,
@@ -263,6 +266,16 @@ def _design(law: str, task: Task) -> Design:
     answer = design(law, task)
     RECENT.append((law, task, answer))
     return answer
+
+
+def _frozen(answer: Design, options: QuantiseOptions) -> tuple[Calibration, Mapping[str, Any]]:
+    """Return a copy of the calibration of a design, whose checks run the integer loop."""
+    for known, given, record, tables in FROZEN:
+        if known is answer and given == options:
+            return deepcopy((record, tables))
+    record, tables = calibrate(answer, options)
+    FROZEN.append((answer, options, *deepcopy((record, tables))))
+    return record, tables
 
 
 def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> PreparedController:

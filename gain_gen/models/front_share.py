@@ -9,6 +9,7 @@ understeers at most :data:`BAND` more than without control.
 """
 
 from collections.abc import Iterator
+from functools import lru_cache
 from math import radians
 
 from scipy.optimize import brentq
@@ -32,17 +33,21 @@ MOST = 0.65
 """Largest share; beyond it the rear bar is hardly used."""
 
 
+@lru_cache(maxsize=64)
 def front_share(vehicle: Vehicle) -> float:
     """Return the front axle's share of the anti-roll moment."""
     neutral = axle_roll_shares(vehicle)[0]
     if neutral >= MOST or not sensitive(vehicle):
         return neutral
+    cars = [(car, _angles(car, (0.0, 0.0))) for car in (vehicle, unladen(vehicle))]
 
     def surplus(share: float) -> float:
         return max(
             with_control - without - max(BAND * abs(without), LEAST_BAND)
-            for car in (vehicle, unladen(vehicle))
-            for without, with_control in understeer(car, share)
+            for car, angles in cars
+            for without, with_control in zip(
+                angles, _angles(car, carried(car, share)), strict=False
+            )
         )
 
     if surplus(MOST) <= 0.0:
@@ -61,20 +66,26 @@ def understeer(vehicle: Vehicle, share: float) -> Iterator[tuple[float, float]]:
     Front less rear slip angle, on a dry road. Curves beyond grip or wheel lift
     are left out.
     """
-    most = most_lateral_acceleration(vehicle, 1.0)
+    with_control = _angles(vehicle, carried(vehicle, share))
+    return zip(_angles(vehicle, (0.0, 0.0)), with_control, strict=False)
+
+
+def carried(vehicle: Vehicle, share: float) -> tuple[float, float]:
+    """Return the actuators' moment of each axle per lateral acceleration, N·m/(m/s²)."""
     moment = CARRIED * vehicle.plant.roll_arm
-    carried = (share * moment, (1.0 - share) * moment)
+    return share * moment, (1.0 - share) * moment
+
+
+def _angles(vehicle: Vehicle, moments: tuple[float, float]) -> list[float]:
+    """The understeer angle in each curve that the car holds with these moments."""
+    most = most_lateral_acceleration(vehicle, 1.0)
+    found: list[float] = []
     for lateral in ACCELERATIONS:
         if lateral > most:
-            return
+            break
         try:
-            angles = [
-                front - rear
-                for front, rear in (
-                    slip_angles(vehicle, lateral, 1.0),
-                    slip_angles(vehicle, lateral, 1.0, carried),
-                )
-            ]
+            front, rear = slip_angles(vehicle, lateral, 1.0, moments)
         except CanrollError:
-            return
-        yield angles[0], angles[1]
+            break
+        found.append(front - rear)
+    return found

@@ -1,5 +1,7 @@
 """The moment of complete runs, bus and sensors and all, against the loop in float64."""
 
+from collections import deque
+
 import numpy as np
 import pytest
 import rig
@@ -115,6 +117,7 @@ def watched_run(monkeypatch, scenario: str, **options) -> Watched:
         return calibrate(design, *rest)
 
     monkeypatch.setattr(hil_controller, "calibrate", noting)
+    monkeypatch.setattr(hil_controller, "FROZEN", deque())
     settings, controller = experiment.plan(scenario, backend="python", **options)
     watched = Watched(controller.record, designs[-1])
     monkeypatch.setattr(

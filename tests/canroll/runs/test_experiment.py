@@ -322,6 +322,16 @@ def test_an_equal_task_is_designed_once(monkeypatch):
     assert other.tables["design"]["delay_max_s"] != same[0].tables["design"]["delay_max_s"]
 
 
+def test_what_is_done_to_a_calibration_is_not_in_the_next():
+    seen = set()
+    for _ in range(3):
+        _, controller = experiment.plan("double_lane_change", law="lqr")
+        seen.add((controller.record.crc, controller.tables["design"]["verified"]))
+        controller.record.crc ^= 1
+        controller.tables["design"]["verified"] = "spoilt"
+    assert len(seen) == 1
+
+
 def test_options_of_the_manoeuvre_reach_it():
     grip = experiment.run("moose", plant="nonlinear", law="passive")
     ice = experiment.run("moose", plant="nonlinear", law="passive", options={"friction": "0.3"})
