@@ -23,9 +23,9 @@ import vehicles
 from canroll.documents import toml
 from canroll.errors import CanrollError, reason
 from canroll.typing import Vector
+from canroll.validation.rating import rate
 from tools.validation import measured_fit
 from tools.validation.measured_drive import (
-    SAMPLE,
     SIGNALS,
     Measured,
     Mounting,
@@ -83,26 +83,6 @@ def fitted_on(window: Window, case: Case) -> Case:
     return case._replace(vehicle=fit.vehicle, mounting=fit.mounting)
 
 
-def rating(measured: Vector, simulated: Vector) -> float:
-    """Overall rating of ISO/TS 18571, from 0 to 1, of signals sampled every 10 ms.
-
-    The standard's parameters, which count in samples, are those for crash signals of 10 kHz: here
-    a hundred times as long.
-
-    Raises:
-        CanrollError: the package ``objective-rating-metrics`` is missing.
-    """
-    try:
-        from objective_rating_metrics.rating import ISO18571  # noqa: PLC0415
-    except ImportError as error:
-        raise CanrollError(
-            "the rating of ISO/TS 18571 needs objective-rating-metrics: scripts/setup-venv dev"
-        ) from error
-    time = SAMPLE * np.arange(measured.size)
-    curves = (np.column_stack((time, signal)) for signal in (measured, simulated))
-    return float(ISO18571(*curves, dt=SAMPLE).overall_rating())
-
-
 def table() -> Iterator[str]:
     """Lines of the table of how well the car agrees."""
     example = case()
@@ -117,7 +97,7 @@ def table() -> Iterator[str]:
     )
     yield "| --- | ---: | ---: | ---: | ---: | ---: |"
     for i, (name, (unit, factor)) in enumerate(zip(SIGNALS, UNITS, strict=True)):
-        rated = rating(signals[inside, i], simulated[inside, i])
+        rated = rate(signals[inside, i], simulated[inside, i]).overall
         yield (
             f"| {name} | {100 * ours[i]:.2f} | {100 * ahead[i]:.2f} | {rated:.3f} "
             f"| {factor * left[i]:.2g} {unit} | {factor * road[i]:.2g} {unit} |"

@@ -1,6 +1,5 @@
 """The 14-DOF car drives as a measured one, by numbers that say where they come from."""
 
-import sys
 from dataclasses import replace
 from functools import cache
 
@@ -126,20 +125,6 @@ def test_variance_accounted_for_ignores_an_offset_alone():
     assert measured_drive.explained(measured, measured + 1.0) == pytest.approx([1.0])
     assert measured_drive.explained(measured, 0.0 * measured) == pytest.approx([0.0])
     assert measured_drive.explained(measured, 0.9 * measured) == pytest.approx([0.99])
-
-
-@SLOW
-def test_rating():
-    pytest.importorskip("objective_rating_metrics", reason="needs objective-rating-metrics")
-    measured = np.sin(np.linspace(0.0, 7.0, 300))
-    assert measured_car.rating(measured, measured) == 1.0
-    assert 0.0 < measured_car.rating(measured, 0.8 * np.roll(measured, 20)) < 0.9
-
-
-def test_a_rating_without_its_package_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "objective_rating_metrics.rating", None)
-    with pytest.raises(CanrollError, match="objective-rating-metrics: scripts/setup-venv dev"):
-        measured_car.rating(np.zeros(3), np.zeros(3))
 
 
 @pytest.mark.parametrize(
