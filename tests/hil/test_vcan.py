@@ -169,7 +169,7 @@ def test_a_killed_ecu_is_replaced_on_vcan(tmp_path, calibration_file):
     said = [path.read_text() for path in sorted(tmp_path.glob("[pe]*")) if path.is_file()]
     assert ran.returncode == 0, (ran.stderr, said)
     trace = tick_trace.load(tmp_path / "ticks.npz")
-    assert trace.ticks["number"].tolist() == list(range(101, 300))
+    assert trace.ticks["number"].tolist() == list(range(101, 301))
     modes = tick_trace.replay(trace, "python").rows["mode"]
     changes = modes[np.flatnonzero(np.diff(modes, prepend=255))]
     assert list(changes[:2]) == [0, 1]
