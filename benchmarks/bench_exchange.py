@@ -119,7 +119,7 @@ def ecu(folder, steps, ticks, pairs):
         )
 
     library = native.library()
-    batch = [ecu_traffic.Traffic(frames, elapsed)]
+    batch = [ecu_traffic.EcuTraffic(frames, elapsed)]
 
     def native_run():
         ecus = library.start(record)

@@ -23,7 +23,7 @@ from codegen.export.header import gains_header
 from codegen.generated import signals
 from codegen.generated.bus_map import load as load_map
 from codegen.run import LASTING, ecu_traffic, memory_image
-from codegen.run.ecu_traffic import Traffic
+from codegen.run.ecu_traffic import EcuTraffic
 from dbc.reader import paths_of
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import physical_notes
@@ -143,11 +143,11 @@ def services_of(args: argparse.Namespace) -> tuple[str, ...]:
     return services
 
 
-def joined(first: Traffic, second: Traffic) -> Traffic:
+def joined(first: EcuTraffic, second: EcuTraffic) -> EcuTraffic:
     """Concatenate recorded traffic."""
     later = second.frames.copy()
     later["tick"] += first.ticks
-    return Traffic(
+    return EcuTraffic(
         np.concatenate([first.frames, later]), np.concatenate([first.elapsed, second.elapsed])
     )
 

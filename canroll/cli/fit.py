@@ -12,7 +12,7 @@ from canroll.cli import terminal
 from canroll.cli.options import choices_of, folder_of
 from canroll.errors import CanrollError
 from canroll.identification.drive_log import choice_of, read
-from canroll.identification.fit import Fit, Settings, fit
+from canroll.identification.fit import Fit, FitSettings, fit
 from canroll.identification.fit_page import (
     explained_lines,
     fit_page,
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     log = read(args.log, dict(map(choice_of, args.signal or ())), dbc=args.dbc, map_file=args.map)
     if not args.begin < args.end:
         raise CanrollError(f"--from {args.begin:g} --to {args.end:g}: nothing is between them")
-    settings = Settings(
+    settings = FitSettings(
         imu=args.imu,
         window=Window(args.begin, args.end),
         checked=None if args.check is None else window_of("--check", args.check),

@@ -18,8 +18,8 @@ from canroll.runs.traffic import record_traffic
 from canroll.setup.controller import PreparedController
 from codegen.run import cortex, qemu, secured, unicorn
 from codegen.run.bus_firmware import BusFirmware
-from codegen.run.cortex import Run
-from codegen.run.ecu_traffic import Traffic
+from codegen.run.cortex import CortexRun
+from codegen.run.ecu_traffic import EcuTraffic
 from codegen.run.footprint import Footprint, footprint
 from codegen.specialise.firmware import specialised
 from firmware.calibration import Calibration
@@ -56,8 +56,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def replay_here(
-    processor: str, record: Calibration, traffic: Traffic, firmware: BusFirmware, key: bytes
-) -> Run:
+    processor: str, record: Calibration, traffic: EcuTraffic, firmware: BusFirmware, key: bytes
+) -> CortexRun:
     """Replay in this process, with the authentication of a bus that has it."""
     if firmware.bus.secured:
         return secured.replay(record, traffic, processor, firmware, key=key)
@@ -176,13 +176,13 @@ def show_rows(rows: Mapping[str, object]) -> None:
         print(f"{name:<{width}}  {value}")
 
 
-def recorded(args: argparse.Namespace) -> tuple[Settings, PreparedController, Traffic]:
+def recorded(args: argparse.Namespace) -> tuple[Settings, PreparedController, EcuTraffic]:
     """Drive the manoeuvre in virtual time; return what was run and what the ECU received."""
     settings, controller = plan(args.scenario, **choices_of(args))
     return settings, controller, record_traffic(settings, controller, args.duration)
 
 
-def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
+def report(limits: Budget, run: CortexRun, size: Footprint, *, as_json: bool) -> int:
     """Print the budget table; return 1 if a budget is exceeded."""
     counts = run.instructions
     least, mean, most = int(counts.min()), round(float(counts.mean())), int(counts.max())
@@ -232,14 +232,14 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
     return 0 if good else 1
 
 
-def _authentication_json(run: Run) -> dict[str, int] | None:
+def _authentication_json(run: CortexRun) -> dict[str, int] | None:
     cycles = run.authentication
     return (
         None if cycles is None else {"mean": round(float(cycles.mean())), "max": int(cycles.max())}
     )
 
 
-def _authentication_row(run: Run) -> dict[str, str]:
+def _authentication_row(run: CortexRun) -> dict[str, str]:
     if run.authentication is None:
         return {}
     mean, most = run.authentication.mean(), run.authentication.max()

@@ -18,7 +18,7 @@ from canroll.report.staging import usable_folder
 from canroll.validation.manoeuvre import STEADY_CIRCLE
 from canroll.validation.measurement import NONE, of_fit, zeroed
 from canroll.validation.tolerances import with_choices
-from canroll.validation.validate import EXPLAINED, Settings, Validation, validate
+from canroll.validation.validate import EXPLAINED, Validation, ValidationSettings, validate
 from canroll.validation.validation_page import (
     figure_table,
     headline,
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
         raise CanrollError("--map: it belongs to --dbc: add that, or omit it")
     if not args.begin < args.end:
         raise CanrollError(f"--from {args.begin:g} --to {args.end:g}: nothing is between them")
-    settings = Settings(
+    settings = ValidationSettings(
         imu=args.imu,
         window=Window(args.begin, args.end),
         manoeuvre=args.manoeuvre,

@@ -12,7 +12,7 @@ from canroll.errors import writing
 from codegen.fmu import archive
 from codegen.fmu.variables import FLOAT64, INPUT, OUTPUT, Interface, Variable
 from codegen.kernels import image
-from codegen.kernels.kinds import FLOAT, Array
+from codegen.kernels.kinds import FLOAT, ArrayKind
 from codegen.kernels.translate import Translator
 from plant_sim.bodies.ports import Body
 from plant_sim.driving.maneuvers import Maneuver
@@ -64,7 +64,7 @@ def write(path: Path, vehicle: Vehicle, body: Body, maneuver: Maneuver, *, title
         start[name] = values
     translator = Translator("body_")
     translator.structs.name(dtype, "vehicle")
-    vectors = [Array(np.dtype(np.float64), (len(values),)) for values in parts.values()]
+    vectors = [ArrayKind(np.dtype(np.float64), (len(values),)) for values in parts.values()]
     entry = translator.entry(body.step, (*vectors, FLOAT), "body_step")
     sources = {
         **archive.shell("body_model.c"),

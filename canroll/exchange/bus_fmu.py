@@ -18,7 +18,7 @@ from codegen.fmu.variables import (
     Variable,
 )
 from codegen.kernels import image
-from codegen.kernels.kinds import INT, Array, Record
+from codegen.kernels.kinds import INT, ArrayKind, RecordKind
 from codegen.kernels.translate import Translator
 from plant_sim.can_bus import OUTCOMES, Network
 from plant_sim.can_bus.kernel import layout, queues, scheduler
@@ -73,8 +73,8 @@ def write(path: Path, network: Network, ports: Mapping[str, int], *, title: str)
     dtype = _fitted(network)
     translator = Translator("bus_")
     translator.structs.name(dtype, "state")
-    state = Record(dtype)
-    payload = Array(np.dtype(np.uint8), (layout.MAX_PAYLOAD,))
+    state = RecordKind(dtype)
+    payload = ArrayKind(np.dtype(np.uint8), (layout.MAX_PAYLOAD,))
     prototypes = [
         translator.entry(
             queues.submit, (state, INT, INT, INT, INT, payload, INT, INT), "bus_submit"

@@ -11,7 +11,7 @@ from codegen.fmu import archive
 from codegen.fmu.ecu import CAN, PORTS, SIGNALS
 from codegen.fmu.variables import FLOAT64, INPUT, OUTPUT, Interface, Terminal, Variable
 from codegen.kernels import image
-from codegen.kernels.kinds import FLOAT, INT, Array, Record, initialiser
+from codegen.kernels.kinds import FLOAT, INT, ArrayKind, RecordKind, initialiser
 from codegen.kernels.translate import Translator
 from plant_sim import can_bus
 from plant_sim.bodies.ports import Body
@@ -193,17 +193,17 @@ def _kernels(plant: np.dtype[Any], row: np.dtype[Any], body: Body) -> dict[str, 
     )
     translator.structs.name(plant, "state")
     translator.structs.name(row, "row")
-    state, queue = Record(plant), Record(plant["queue"])
-    frame = Array(np.dtype(np.uint8), (64,))
-    four = Array(np.dtype(np.float64), (4,))
-    vectors = [Array(plant[name].base, plant[name].shape) for name in _BODY]
+    state, queue = RecordKind(plant), RecordKind(plant["queue"])
+    frame = ArrayKind(np.dtype(np.uint8), (64,))
+    four = ArrayKind(np.dtype(np.float64), (4,))
+    vectors = [ArrayKind(plant[name].base, plant[name].shape) for name in _BODY]
     entries = [
         translator.entry(body.step, (*vectors, FLOAT), "plant_body"),
         translator.entry(plant_kernel.take, (queue,), "plant_take"),
         translator.entry(plant_kernel.receive, (state, INT, INT, INT, frame, INT), "plant_receive"),
         translator.entry(plant_kernel.command, (state, INT, four, INT, INT), "plant_command"),
         translator.entry(plant_kernel.advance, (state,), "plant_advance"),
-        translator.entry(plant_kernel.record, (state, Record(row)), "plant_record"),
+        translator.entry(plant_kernel.record, (state, RecordKind(row)), "plant_record"),
     ]
     return {"kernels.h": translator.header(entries), "kernels.c": translator.text()}
 

@@ -86,7 +86,7 @@ _TIMES = ("time", "time_s", "t", "timestamp", "timestamps")
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class SignalChoice:
     """Which signal of a log is a quantity: its name, unit ("": as stated), and a further factor."""
 
     name: str
@@ -101,7 +101,7 @@ class Channel:
     ``choice`` is the signal of the file that it was read as.
     """
 
-    choice: Choice
+    choice: SignalChoice
     times: Vector
     values: Vector
 
@@ -120,7 +120,7 @@ class Log:
     remarks: tuple[str, ...] = ()
 
 
-def choice_of(text: str) -> tuple[str, Choice]:
+def choice_of(text: str) -> tuple[str, SignalChoice]:
     """Return quantity and choice of "QUANTITY=[-]NAME[:UNIT]".
 
     Raises:
@@ -136,12 +136,12 @@ def choice_of(text: str) -> tuple[str, Choice]:
     sign = -1.0 if name.startswith("-") else 1.0
     if unit:
         _factor(f"--signal {text}", QUANTITIES[quantity], unit)
-    return quantity, Choice(name.removeprefix("-"), unit, sign)
+    return quantity, SignalChoice(name.removeprefix("-"), unit, sign)
 
 
 def read(
     file: str,
-    choices: Mapping[str, Choice],
+    choices: Mapping[str, SignalChoice],
     *,
     dbc: str = "",
     map_file: str = "",
@@ -168,7 +168,7 @@ def read(
         for name, quantity in QUANTITIES.items():
             for candidate in () if name in known else quantity.names:
                 if _has_channel(file, candidate):
-                    known[name] = Choice(candidate)
+                    known[name] = SignalChoice(candidate)
                     break
     _complete(file, known, "--signal QUANTITY=NAME")
     signals = signal_file.read(file, [choice.name for choice in known.values()], dbc)
@@ -188,7 +188,7 @@ def _has_channel(file: str, name: str) -> bool:
     return True
 
 
-def _mapped(dbc: Path, map_file: Path) -> dict[str, Choice]:
+def _mapped(dbc: Path, map_file: Path) -> dict[str, SignalChoice]:
     """Return the signals that a map takes for fields of the ECU that are quantities."""
     of_field = {quantity.field: name for name, quantity in QUANTITIES.items() if quantity.field}
     database = network(dbc).database
@@ -207,11 +207,11 @@ def _mapped(dbc: Path, map_file: Path) -> dict[str, Choice]:
                     f"{dbc}: name the signal by --signal {name}=NAME:UNIT"
                 )
             unit = QUANTITIES[name].unit
-            choices[name] = Choice(f"{box.name}.{signal.name}", unit, float(factor))
+            choices[name] = SignalChoice(f"{box.name}.{signal.name}", unit, float(factor))
     return choices
 
 
-def _of_csv(path: Path, choices: Mapping[str, Choice]) -> Log:
+def _of_csv(path: Path, choices: Mapping[str, SignalChoice]) -> Log:
     """Read a CSV whose times may repeat or jump: they are judged later."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -226,7 +226,7 @@ def _of_csv(path: Path, choices: Mapping[str, Choice]) -> Log:
     for name in header:
         quantity, unit = _recognised(name)
         if quantity:
-            known.setdefault(quantity, Choice(name, unit))
+            known.setdefault(quantity, SignalChoice(name, unit))
     _complete(str(path), known, "--signal QUANTITY=COLUMN:UNIT", header)
     times = _numbers(path, rows, header, time)
     channels, remarks = {}, []
@@ -276,7 +276,7 @@ def _suffix(column: str) -> str:
 
 
 def _complete(
-    file: str, known: Mapping[str, Choice], option: str, names: Sequence[str] = ()
+    file: str, known: Mapping[str, SignalChoice], option: str, names: Sequence[str] = ()
 ) -> None:
     missing = [QUANTITIES[name].label for name in REQUIRED if name not in known]
     if missing:

@@ -37,7 +37,7 @@ SAME = 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class FitSettings:
     """How a log is fitted.
 
     Attributes:
@@ -62,7 +62,7 @@ class Settings:
 
 
 @dataclass(frozen=True, slots=True)
-class Number:
+class FittedNumber:
     """A fitted number and its standard deviation, in the unit of its unknown.
 
     ``state``: "told" by the log; told only "together" with others, where the log says less of the
@@ -111,7 +111,7 @@ class Fit:
     log: str
     start: Vehicle
     vehicle: Vehicle
-    numbers: tuple[Number, ...]
+    numbers: tuple[FittedNumber, ...]
     covariance: NDArray[np.float64]
     information: Information
     pairs: tuple[tuple[str, str, float], ...]
@@ -122,7 +122,7 @@ class Fit:
     curves: tuple[Curves, ...]
     remarks: tuple[str, ...]
 
-    def of_state(self, state: str) -> tuple[Number, ...]:
+    def of_state(self, state: str) -> tuple[FittedNumber, ...]:
         """Return the numbers of a state."""
         return tuple(number for number in self.numbers if number.state == state)
 
@@ -156,7 +156,10 @@ class Fit:
 
 
 def fit(
-    log: Log, vehicle: Vehicle, settings: Settings, progress: Progress = lambda stage, share: None
+    log: Log,
+    vehicle: Vehicle,
+    settings: FitSettings,
+    progress: Progress = lambda stage, share: None,
 ) -> Fit:
     """Fit a vehicle to a log.
 
@@ -234,12 +237,12 @@ def _held(model: Model, x: Vector, felt: NDArray[np.bool_]) -> Vector:
 
 def _numbers(
     model: Model, x: Vector, covariance: NDArray[np.float64], felt: NDArray[np.bool_]
-) -> list[Number]:
+) -> list[FittedNumber]:
     numbers = []
     for i, unknown in enumerate(model.unknowns):
         state = "told" if covariance[i, i] < TOLD else "together"
         numbers.append(
-            Number(
+            FittedNumber(
                 unknown,
                 unknown.mean + unknown.deviation * float(x[i]),
                 unknown.deviation * float(np.sqrt(covariance[i, i])),
@@ -249,7 +252,7 @@ def _numbers(
     return numbers
 
 
-def _strange(numbers: tuple[Number, ...], minima: tuple[float, ...]) -> list[str]:
+def _strange(numbers: tuple[FittedNumber, ...], minima: tuple[float, ...]) -> list[str]:
     remarks = []
     for number in numbers:
         unknown = number.unknown
@@ -271,7 +274,7 @@ def _strange(numbers: tuple[Number, ...], minima: tuple[float, ...]) -> list[str
 
 
 def _compared(
-    model: Model, log: Log, settings: Settings, x: Vector
+    model: Model, log: Log, settings: FitSettings, x: Vector
 ) -> tuple[tuple[Curves, ...], tuple[Agreement, ...], tuple[Agreement, ...]]:
     """Return the curves, and the agreement of what was fitted and of what was predicted."""
     own = _agreements(model, x)
@@ -306,7 +309,7 @@ def _agreements(model: Model, x: Vector) -> tuple[Agreement, ...]:
     )
 
 
-def fitted(vehicle: Vehicle, numbers: tuple[Number, ...], log: str) -> Vehicle:
+def fitted(vehicle: Vehicle, numbers: tuple[FittedNumber, ...], log: str) -> Vehicle:
     """Return the vehicle with fitted numbers, whose sources have their standard deviations.
 
     Numbers that the log does not tell keep theirs. A body without load that the vehicle's file

@@ -6,7 +6,7 @@ import numpy as np
 
 from canroll.identification.agreement import Agreement
 from canroll.identification.drive_log import QUANTITIES
-from canroll.identification.fit import Fit, Number
+from canroll.identification.fit import Fit, FittedNumber
 from canroll.identification.unknowns import delay_key, offset_key
 from canroll.report.figure import DASHED, Figure, Series
 from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
@@ -82,7 +82,7 @@ def fitted_table(fit: Fit) -> PageTable:
     )
 
 
-def _row(number: Number) -> tuple[str | Cell, ...]:
+def _row(number: FittedNumber) -> tuple[str | Cell, ...]:
     unknown = number.unknown
     return (
         unknown.label,

@@ -5,10 +5,12 @@ from canroll.runs.result import Settings
 from canroll.runs.virtual_time import closed_loop
 from canroll.setup.controller import PreparedController
 from codegen.run.backends import Recorder, open_backend
-from codegen.run.ecu_traffic import Traffic
+from codegen.run.ecu_traffic import EcuTraffic
 
 
-def record_traffic(settings: Settings, controller: PreparedController, duration: float) -> Traffic:
+def record_traffic(
+    settings: Settings, controller: PreparedController, duration: float
+) -> EcuTraffic:
     """Drive the first ``duration`` seconds with control; return what the ECU received."""
     firmware = settings.firmware
     ecu = open_backend(settings.backend, controller.record, firmware, key=settings.secret)

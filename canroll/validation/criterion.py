@@ -26,7 +26,7 @@ class Criterion:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Band:
+class ToleranceBand:
     """Measured points in a cross plot, and the simulated curve with its tolerance band.
 
     Attributes:
@@ -79,7 +79,7 @@ class Judged:
     """What a manoeuvre says: its figures and its bands."""
 
     criteria: tuple[Criterion, ...] = ()
-    bands: tuple[Band, ...] = ()
+    bands: tuple[ToleranceBand, ...] = ()
 
     @property
     def passed(self) -> bool:

@@ -9,7 +9,7 @@ from scipy.signal import coherence, csd, welch
 from canroll.errors import CanrollError
 from canroll.identification.pieces import SAMPLE
 from canroll.typing import Vector
-from canroll.validation.criterion import Band, Criterion, Judged
+from canroll.validation.criterion import Criterion, Judged, ToleranceBand
 from canroll.validation.replayed import Drive
 from canroll.validation.tolerances import FACTORS, Tolerance
 
@@ -40,7 +40,7 @@ def judge(drive: Drive, tolerances: Mapping[str, Tolerance]) -> Judged:
             there &= np.isfinite(stretch.measured[name])
     steering = stretch.steering[there]
     criteria: list[Criterion] = []
-    bands: list[Band] = []
+    bands: list[ToleranceBand] = []
     for name, (label, unit, factor) in _SIGNALS.items():
         if name not in drive.names:
             continue
@@ -105,14 +105,14 @@ def _gain_band(
     unit: str,
     both: list[tuple[Vector, NDArray[np.complex128], Vector]],
     tolerance: Tolerance,
-) -> Band:
+) -> ToleranceBand:
     (frequency, measured, coherent), (_, simulated, _) = both
     shown = (frequency >= LEAST) & (frequency <= MOST) & (coherent >= COHERENT)
     at, real, ours = frequency[shown], np.abs(measured[shown]), np.abs(simulated[shown])
     allowed = tolerance.along(real)
     far = np.abs(ours - real) / np.maximum(allowed, 1e-12)
     worst = int(np.argmax(far)) if at.size else 0
-    return Band(
+    return ToleranceBand(
         name,
         f"Gain of {label}",
         "frequency (Hz)",

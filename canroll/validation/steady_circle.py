@@ -18,7 +18,7 @@ import numpy as np
 from canroll.errors import CanrollError, VerdictError
 from canroll.identification.pieces import RUN_IN, SAMPLE
 from canroll.typing import Vector
-from canroll.validation.criterion import Band, Criterion, Judged
+from canroll.validation.criterion import Criterion, Judged, ToleranceBand
 from canroll.validation.replayed import Drive
 from canroll.validation.tolerances import FACTORS, Tolerance
 from vehicles import GRAVITY
@@ -127,7 +127,7 @@ def _gradients(drive: Drive, measured: _States, simulated: _States) -> list[Crit
 
 def _band(
     name: str, measured: _States, simulated: _States, across: Tolerance, along: Tolerance
-) -> Band:
+) -> ToleranceBand:
     x, y = simulated.lateral, simulated.values[name]
     reach = across.along(x)
     inside = (measured.lateral >= (x - reach).min()) & (measured.lateral <= (x + reach).max())
@@ -139,7 +139,7 @@ def _band(
     lower, upper = boundaries(x, y, across, along)
     factor = 1.0 / FACTORS["°"]
     title = _QUANTITIES[name]
-    return Band(
+    return ToleranceBand(
         name,
         f"{title} over lateral acceleration".capitalize(),
         "lateral acceleration (m/s²)",

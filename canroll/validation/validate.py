@@ -48,7 +48,7 @@ JUDGES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class ValidationSettings:
     """How a log is compared, and what is enough.
 
     Attributes:
@@ -175,7 +175,7 @@ class Validation:
 
 
 def validate(
-    log: Log, vehicle: Vehicle, settings: Settings, measurement: Measurement = NONE
+    log: Log, vehicle: Vehicle, settings: ValidationSettings, measurement: Measurement = NONE
 ) -> Validation:
     """Judge a vehicle by a log.
 
@@ -199,7 +199,7 @@ def validate(
     return Validation(drive, kind, bool(settings.manoeuvre), seconds, matches, judged, measurement)
 
 
-def _match(drive: Drive, name: str, kind: str, settings: Settings) -> Match:
+def _match(drive: Drive, name: str, kind: str, settings: ValidationSettings) -> Match:
     measured, simulated = drive.joined(name)
     if not measured.size:
         raise CanrollError(f"{drive.log}: no {label(name)} in what is compared")

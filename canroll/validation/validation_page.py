@@ -9,7 +9,7 @@ from canroll.identification.drive_log import QUANTITIES
 from canroll.identification.fit_page import SHOWN, rounded
 from canroll.report.figure import DASHED, DOTTED, Figure, Series
 from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
-from canroll.validation.criterion import Band, Criterion
+from canroll.validation.criterion import Criterion, ToleranceBand
 from canroll.validation.replayed import label
 from canroll.validation.validate import Validation
 
@@ -72,7 +72,10 @@ def signal_table(validation: Validation) -> PageTable:
 
 def figure_table(validation: Validation, most: int | None = None) -> PageTable:
     """Return the figures and bands of the manoeuvre; of more than ``most`` those that fail."""
-    figures: list[Criterion | Band] = [*validation.judged.criteria, *validation.judged.bands]
+    figures: list[Criterion | ToleranceBand] = [
+        *validation.judged.criteria,
+        *validation.judged.bands,
+    ]
     note = ""
     if most is not None and len(figures) > most:
         shown = [one for one in figures if not one.passed][:most]
@@ -99,7 +102,7 @@ def _figure_row(one: Criterion) -> tuple[str | Cell, ...]:
     )
 
 
-def _band_row(band: Band) -> tuple[str | Cell, ...]:
+def _band_row(band: ToleranceBand) -> tuple[str | Cell, ...]:
     return (
         band.title,
         "",
@@ -149,7 +152,7 @@ def _line(validation: Validation, name: str, group: str) -> Figure:
     return Figure(f"{group}_{name}", title, "time (s)", unit, series, unit="s", group=group)
 
 
-def _cross(band: Band, group: str) -> Figure:
+def _cross(band: ToleranceBand, group: str) -> Figure:
     series = [
         Series("measured", *band.measured, 7),
         Series("simulated", *band.simulated, 1, DASHED),

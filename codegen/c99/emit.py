@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 from codegen.c99 import kept
-from codegen.c99.function import Body
+from codegen.c99.function import FunctionWriter
 from codegen.c99.linkage import PUBLIC_NUMBERS, PUBLIC_TABLES, Home, Names, linkage
 from codegen.c99.text import (
     CLOSE_C,
@@ -232,7 +232,7 @@ class Emitter:
                 table = self._table(constant, "static const", body=True)
                 lines += comments_of(module.comments, [constant.line - 1], "    ")
                 lines += [f"    {line}" for line in table]
-        body = Body(self.program, self.names, self.seen, module, function)
+        body = FunctionWriter(self.program, self.names, self.seen, module, function)
         # a size is a literal in C
         sizes = {
             node.args[0]

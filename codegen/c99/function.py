@@ -24,9 +24,9 @@ from codegen.operations.relations import RELATIONS
 from codegen.operations.table import OPERATORS, Access, Operation
 from codegen.subset.program import (
     Constant,
+    FieldReference,
     Function,
     Local,
-    Member,
     Module,
     Parameter,
     Program,
@@ -37,7 +37,7 @@ from codegen.subset.program import (
 )
 
 
-class Body:
+class FunctionWriter:
     """The statements of one function; ``seen`` are the intervals of its expressions."""
 
     def __init__(
@@ -189,7 +189,7 @@ class Body:
         match self.refs[node]:
             case Constant() as constant:
                 return self.names.constant(constant), constant.type.kind
-            case Member(owner=owner, field=field):
+            case FieldReference(owner=owner, field=field):
                 return f"{owner}->{field.name}", field.type.kind
             case Local(name=name, kind=kind) | Parameter(name=name, type=Type(kind=kind)):
                 return name, kind

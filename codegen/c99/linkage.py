@@ -9,8 +9,8 @@ from codegen.proof.prove import entry_points
 from codegen.subset.program import (
     RUNTIME,
     Constant,
+    FieldReference,
     Function,
-    Member,
     Parameter,
     Program,
     Ref,
@@ -162,4 +162,4 @@ def _passed_on(
 
 
 def _is_volatile(ref: Ref) -> bool:
-    return isinstance(ref, Member) and ref.field.volatile
+    return isinstance(ref, FieldReference) and ref.field.volatile

@@ -16,7 +16,7 @@ from elftools.elf.elffile import ELFFile
 from canroll.errors import CanrollError, reason
 from codegen.c99.text import plain
 from codegen.export import a2l_xcp
-from codegen.generated.bus_map import Xcp
+from codegen.generated.bus_map import XcpFrames
 from codegen.run import memory_image
 from codegen.subset.parse import load
 from codegen.subset.program import Program
@@ -54,7 +54,7 @@ class Software:
 
     epk: str
     record: Calibration
-    xcp: Xcp | None = None
+    xcp: XcpFrames | None = None
     state: type[Any] = Ecu
     program: Program | None = None
     calibrated: bool = True

@@ -6,7 +6,7 @@ XCP), as far as they are used here.
 
 from collections.abc import Iterator
 
-from codegen.generated.bus_map import Xcp
+from codegen.generated.bus_map import XcpFrames
 from firmware.services import xcp_state
 
 TIMEOUT_MS = 2000
@@ -105,7 +105,7 @@ A2ML = """\
     /end A2ML""".replace("COMMAND_ENUM", ENUM)
 
 
-def interface(xcp: Xcp, tick_us: int | None) -> Iterator[str]:
+def interface(xcp: XcpFrames, tick_us: int | None) -> Iterator[str]:
     """The blocks of the module; ``tick_us`` is the period where the slave is ours, else None."""
     timeouts = " ".join([str(TIMEOUT_MS if tick_us else 1000)] * 7)
     yield "    /begin IF_DATA XCP"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware
-from codegen.run.ecu_traffic import Traffic
+from codegen.run.ecu_traffic import EcuTraffic
 from dbc.reader import Files
 from firmware.calibration import Calibration
 
@@ -34,7 +34,7 @@ class Export:
     title: str
     dbc: Files
     map_file: Path
-    traffic: Traffic
+    traffic: EcuTraffic
     origin: str
     stage: OwnStage | None = None
     specialised: bool = False

@@ -16,7 +16,7 @@ from codegen.export.sessions.session import Session
 from codegen.generated.bus_map import BusMap
 from codegen.run import memory_image, native
 from codegen.run.bus_firmware import BusFirmware
-from codegen.run.ecu_traffic import Traffic, finished, random_calibration, random_traffic
+from codegen.run.ecu_traffic import EcuTraffic, finished, random_calibration, random_traffic
 from firmware.calibration import (
     BARS,
     BYPASS,
@@ -98,7 +98,7 @@ class Case:
 
     name: str
     record: Calibration
-    traffic: Traffic
+    traffic: EcuTraffic
     flipped: int = NEVER
 
 
@@ -117,15 +117,15 @@ def cases_of(record: Calibration, bus: BusMap) -> Iterator[Case]:
         traffic = random_traffic(seed, TICKS, bus=bus)
         yield Case(f"random {seed}", record, traffic)
     longer = np.concatenate([traffic.elapsed, np.ones(1000, np.int32)])
-    yield Case("a flipped bit", record, Traffic(traffic.frames, longer), flipped=10)
-    none = Traffic(traffic.frames[:0], np.full(2100, FULL, np.int32))
+    yield Case("a flipped bit", record, EcuTraffic(traffic.frames, longer), flipped=10)
+    none = EcuTraffic(traffic.frames[:0], np.full(2100, FULL, np.int32))
     yield Case("the clock wraps", record, none)
     for name in ("law", "moment_max", "force_max"):
         other = Calibration()
         memory_image.fill(other, memory_image.image(record))
         value = getattr(other, name)
         setattr(other, name, [value[0] ^ 1, *value[1:]] if name == "force_max" else value ^ 1)
-        yield Case(f"another {name}", other, Traffic(none.frames, none.elapsed[:2]))
+        yield Case(f"another {name}", other, EcuTraffic(none.frames, none.elapsed[:2]))
 
 
 def _rare(bus: BusMap) -> Iterator[Case]:
@@ -143,7 +143,7 @@ def _rare(bus: BusMap) -> Iterator[Case]:
     frames = random_traffic(2, TICKS, bus=bus)
     longer = np.concatenate([frames.elapsed, np.ones(1000, np.int32)])
     flipped = _changed(2, law=STATE_FEEDBACK, actuator=SUSPENSION, compensator_outputs=1)
-    yield Case("a flipped bit", flipped, Traffic(frames.frames, longer), flipped=10)
+    yield Case("a flipped bit", flipped, EcuTraffic(frames.frames, longer), flipped=10)
     quiet = random_traffic(1, 40, hostile=0.0, rough=0.0, bus=bus)
     zeros: dict[str, object] = {
         "law": COMPENSATOR,
@@ -188,11 +188,11 @@ def _rare(bus: BusMap) -> Iterator[Case]:
         for push in pushes:
             yield Case("outward", _changed(1, **{**outward, **push}), swaying)
     yield from _accused(bus)
-    none = Traffic(frames.frames[:0], np.full(2100, FULL, np.int32))
+    none = EcuTraffic(frames.frames[:0], np.full(2100, FULL, np.int32))
     yield Case("the clock wraps", _changed(3), none)
     alien = frames.frames[:4].copy()
     alien["message"] = (-1, len(bus.received) + N_TX, 99, -(2**31))
-    yield Case("no such message", _changed(4), Traffic(alien, frames.elapsed[:8]))
+    yield Case("no such message", _changed(4), EcuTraffic(alien, frames.elapsed[:8]))
     foreign = frames.frames[:N_TX].copy()
     foreign["message"] = len(bus.received) + np.arange(N_TX)
     foreign["tick"] = np.arange(N_TX)
@@ -200,7 +200,7 @@ def _rare(bus: BusMap) -> Iterator[Case]:
     for window in (2, 10_000):
         clocked = {**slow, "clock_window": window, "timeout_ticks": [5, 5, 0, 5, 0]}
         yield Case("another clock", _changed(4, **clocked), quiet)
-    yield Case("own identifiers", _changed(4), Traffic(foreign, frames.elapsed[:8]))
+    yield Case("own identifiers", _changed(4), EcuTraffic(foreign, frames.elapsed[:8]))
 
 
 def _accused(bus: BusMap) -> Iterator[Case]:
@@ -257,7 +257,7 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         yield Case(
             "calm, then no motion",
             _changed(1, **calm),
-            Traffic(swaying.frames[moves], swaying.elapsed),
+            EcuTraffic(swaying.frames[moves], swaying.elapsed),
         )
     swaying = random_traffic(430, 240, hostile=0.0, rough=1.0, bus=bus)
     gentle = _changed(1, **calm | {"response_lateral": 1 << 20})
@@ -273,7 +273,7 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         yield Case("frozen", _changed(1, **quick, **counts, actuator=BARS), still)
 
 
-def _standing(traffic: Traffic, bus: BusMap) -> Traffic:
+def _standing(traffic: EcuTraffic, bus: BusMap) -> EcuTraffic:
     """Traffic whose lateral acceleration stays the same."""
     box, frames = bus.received[RX_IMU], traffic.frames.copy()
     for number in np.flatnonzero(frames["message"] == RX_IMU):
@@ -283,7 +283,7 @@ def _standing(traffic: Traffic, bus: BusMap) -> Traffic:
                 for piece in signal.pieces:
                     payload[piece.byte] &= ~((1 << piece.width) - 1 << piece.bit)
         frames["payload"][number] = finished(box, payload, box.count(payload), len(payload))
-    return Traffic(frames, traffic.elapsed)
+    return EcuTraffic(frames, traffic.elapsed)
 
 
 def _follows_acceleration() -> dict[str, object]:
@@ -304,7 +304,7 @@ def _follows_acceleration() -> dict[str, object]:
 
 def _refused(bus: BusMap) -> Iterator[Case]:
     """A calibration for every rule of the check."""
-    traffic = Traffic(random_traffic(0, 1, bus=bus).frames[:0], np.ones(2, np.int32))
+    traffic = EcuTraffic(random_traffic(0, 1, bus=bus).frames[:0], np.ones(2, np.int32))
     plain: dict[str, object] = {
         "law": STATE_FEEDBACK,
         "actuator": SUSPENSION,

@@ -8,10 +8,10 @@ import ast
 from dataclasses import dataclass
 
 from canroll.errors import CanrollError
-from codegen.operations.table import Access as Intrinsic
+from codegen.operations.table import Access
 from codegen.proof.prove import entry_points
 from codegen.subset.parse import load
-from codegen.subset.program import CONST_RECORD, Function, Member, Program, base
+from codegen.subset.program import CONST_RECORD, FieldReference, Function, Program, base
 from codegen.subset.resolve import stored
 
 STATE = "Ecu"
@@ -20,7 +20,7 @@ HANDED_OVER = frozenset({"rx_fresh", "rx_own"})
 
 
 @dataclass(frozen=True, slots=True)
-class Access:
+class SharedAccess:
     """Fields of the ECU's record that an entry point reads and writes.
 
     ``calibrated``: whether it needs the calibration.
@@ -31,13 +31,13 @@ class Access:
     calibrated: bool
 
 
-def accesses(program: Program | None = None) -> dict[str, Access]:
+def accesses(program: Program | None = None) -> dict[str, SharedAccess]:
     """Fields accessed by each entry point, by its name."""
     program = program or load()
     return {entry.name: _access(program, entry) for entry in entry_points(program)}
 
 
-def _access(program: Program, entry: Function) -> Access:
+def _access(program: Program, entry: Function) -> SharedAccess:
     reads: set[str] = set()
     writes: set[str] = set()
     todo, done = [entry], set()
@@ -52,14 +52,18 @@ def _access(program: Program, entry: Function) -> Access:
         # assigned, or passed to a function that writes its parameter
         places = {base(target) for target in stored(program, ast.walk(function.node))}
         for node, ref in program.references(function):
-            if isinstance(node, ast.Call) and isinstance(ref, Intrinsic) and ref.effect == "clear":
+            if isinstance(node, ast.Call) and isinstance(ref, Access) and ref.effect == "clear":
                 writes |= set(program.record(STATE).fields)
-            if isinstance(node, ast.Attribute) and isinstance(ref, Member) and ref.record == STATE:
+            if (
+                isinstance(node, ast.Attribute)
+                and isinstance(ref, FieldReference)
+                and ref.record == STATE
+            ):
                 (writes if node in places else reads).add(ref.field.name)
-    return Access(frozenset(reads), frozenset(writes), calibrated)
+    return SharedAccess(frozenset(reads), frozenset(writes), calibrated)
 
 
-def check(program: Program | None = None) -> dict[str, Access]:
+def check(program: Program | None = None) -> dict[str, SharedAccess]:
     """Return :func:`accesses`; raise CanrollError if ``receive`` is unsafe as an interrupt."""
     program = program or load()
     found = accesses(program)
@@ -84,6 +88,6 @@ def table(program: Program | None = None) -> str:
     return "\n".join(rows)
 
 
-def _how(access: Access, name: str) -> str:
+def _how(access: SharedAccess, name: str) -> str:
     uses = {"reads": access.reads, "writes": access.writes}
     return ", ".join(word for word, names in uses.items() if name in names) or "—"

@@ -6,7 +6,7 @@ Bits are counted as in the E2E protocol specification: bit 8 k + b is bit b of b
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from codegen.frame.raw_signal import Piece
+from codegen.frame.raw_signal import BitPiece
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,16 +21,16 @@ class Place:
         return len(self.bits)
 
     @property
-    def pieces(self) -> tuple[Piece, ...]:
+    def pieces(self) -> tuple[BitPiece, ...]:
         """Its bits byte by byte, as far as they follow each other."""
-        found: list[Piece] = []
+        found: list[BitPiece] = []
         for i, place in enumerate(self.bits):
             byte, bit = divmod(place, 8)
             last = found[-1] if found else None
             if last is not None and (last.byte, last.bit + last.width) == (byte, bit):
-                found[-1] = Piece(byte, last.bit, last.width + 1, last.signal_bit)
+                found[-1] = BitPiece(byte, last.bit, last.width + 1, last.signal_bit)
             else:
-                found.append(Piece(byte, bit, 1, i))
+                found.append(BitPiece(byte, bit, 1, i))
         return tuple(found)
 
     def low(self, width: int) -> "Place":

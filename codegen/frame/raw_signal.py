@@ -16,7 +16,7 @@ REAL_BITS = 32
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
+class BitPiece:
     """``width`` bits of a signal from ``signal_bit`` up, in ``byte`` from ``bit`` up."""
 
     byte: int
@@ -33,7 +33,7 @@ class RawSignal:
     """
 
     name: str
-    pieces: tuple[Piece, ...]
+    pieces: tuple[BitPiece, ...]
     length: int
     signed: bool
     real: bool = False
@@ -108,14 +108,14 @@ def bits_of(signal: Signal) -> list[int]:
     return [8 * byte + 7 - bit for byte, bit in places]
 
 
-def pieces_of(signal: Signal) -> tuple[Piece, ...]:
+def pieces_of(signal: Signal) -> tuple[BitPiece, ...]:
     """Split a signal at byte boundaries, its least significant bit first."""
-    pieces: list[Piece] = []
+    pieces: list[BitPiece] = []
     for i, place in enumerate(bits_of(signal)):
         byte, bit = divmod(place, 8)
         last = pieces[-1] if pieces else None
         if last is not None and last.byte == byte:
-            pieces[-1] = Piece(byte, last.bit, last.width + 1, last.signal_bit)
+            pieces[-1] = BitPiece(byte, last.bit, last.width + 1, last.signal_bit)
         else:
-            pieces.append(Piece(byte, bit, 1, i))
+            pieces.append(BitPiece(byte, bit, 1, i))
     return tuple(pieces)

@@ -35,7 +35,7 @@ def frame_ident(ident: int) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Xcp:
+class XcpFrames:
     """XCP on CAN: identifiers (bit 31: a 29-bit one) to and from the ECU, bit rate."""
 
     master: int
@@ -44,7 +44,7 @@ class Xcp:
 
 
 @dataclass(frozen=True, slots=True)
-class Uds:
+class UdsFrames:
     """UDS on CAN: identifiers (bit 31: a 29-bit one) of the tester's frames and the ECU's."""
 
     request: int
@@ -61,9 +61,9 @@ class BusMap:
 
     received: tuple[Mailbox, ...]
     transmitted: tuple[Mailbox, ...]
-    xcp: Xcp | None = None
+    xcp: XcpFrames | None = None
     warnings: tuple[str, ...] = ()
-    uds: Uds | None = None
+    uds: UdsFrames | None = None
     secured: bool = False
 
     @property
@@ -134,10 +134,10 @@ def load(files: Files, map_file: Path) -> BusMap:
     xcp = uds = None
     if "xcp" in document:
         keys = ("master", "slave", "bitrate")
-        xcp = Xcp(**_numbers("xcp", keys, document["xcp"], taken, map_file))
+        xcp = XcpFrames(**_numbers("xcp", keys, document["xcp"], taken, map_file))
     if "uds" in document:
         pair = ("request", "response")
-        uds = Uds(**_numbers("uds", pair, document["uds"], taken, map_file))
+        uds = UdsFrames(**_numbers("uds", pair, document["uds"], taken, map_file))
     bus = BusMap((*first, *further), out, xcp, description.warnings, uds, secoc is not None)
     _refuse_same_identifier(bus, map_file)
     _refuse_short_echo(bus, map_file)

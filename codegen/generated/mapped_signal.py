@@ -49,7 +49,7 @@ LARGEST_REAL = 0x7F7FFFFF
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class SignalPlace:
     """A field of the ECU's record, or one element or mask of it, that a signal maps to.
 
     ``text`` is its expression in the firmware; a stored integer n means n / 2**q ``unit``.
@@ -72,7 +72,7 @@ class MappedSignal(RawSignal):
     ``minus`` is a sign bit elsewhere in the frame: where it is 1, the raw code is negated.
     """
 
-    place: Place
+    place: SignalPlace
     scale: Fraction
     offset: Fraction
     unavailable: tuple[int, ...]
@@ -160,7 +160,7 @@ def map_signal(
     )
 
 
-def _to_field(table: Mapping[str, Any], signal: Signal, place: Place, where: str) -> Fraction:
+def _to_field(table: Mapping[str, Any], signal: Signal, place: SignalPlace, where: str) -> Fraction:
     """The factor from the signal's unit to the field's integers, over a wheel's radius if given."""
     unit = str(table.get("unit", signal.unit or ""))
     if "radius" not in table:
@@ -255,7 +255,7 @@ def _raw_limits(signal: Signal, where: str, *, sent: bool) -> tuple[int, int]:
     return lo, hi
 
 
-def _place(table: Mapping[str, Any], where: str) -> Place:
+def _place(table: Mapping[str, Any], where: str) -> SignalPlace:
     """Resolve ``field``, ``field[i]`` or ``field & mask``."""
     text = str(table.get("field", ""))
     mask = None
@@ -287,7 +287,7 @@ def _place(table: Mapping[str, Any], where: str) -> Place:
         raise CanrollError(f"{where}: {given[0]} of {field.name} is fixed: omit it")
     if not isinstance(table.get("q", 0), int):
         raise CanrollError(f"{where}: q must be a whole number, not {table['q']!r}")
-    return Place(
+    return SignalPlace(
         text=node.id if index is None else f"{node.id}[{index}]",
         mask=mask,
         lo=field.f.lo if mask is None else 0,

@@ -22,7 +22,7 @@ INFINITE = 0x7F800000
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class BitRun:
     """``width`` bits that are contiguous both in one word of the frame and in the signal."""
 
     word: int
@@ -31,16 +31,16 @@ class Run:
     width: int
 
 
-def runs(signal: RawSignal) -> list[Run]:
+def runs(signal: RawSignal) -> list[BitRun]:
     """The runs of a signal; one, unless it is of big-endian byte order or in two words."""
-    found: list[Run] = []
+    found: list[BitRun] = []
     for piece in sorted(signal.pieces, key=lambda piece: piece.signal_bit):
         word, bit = divmod(8 * piece.byte + piece.bit, WORD_BITS)
         last = found[-1] if found else None
         if last is not None and (last.word, last.word_bit + last.width) == (word, bit):
-            found[-1] = Run(word, last.word_bit, last.signal_bit, last.width + piece.width)
+            found[-1] = BitRun(word, last.word_bit, last.signal_bit, last.width + piece.width)
         else:
-            found.append(Run(word, bit, piece.signal_bit, piece.width))
+            found.append(BitRun(word, bit, piece.signal_bit, piece.width))
     return found
 
 

@@ -14,11 +14,11 @@ from codegen.kernels.kinds import (
     FLOAT,
     INT,
     UNSIGNED,
-    Array,
+    ArrayKind,
     KernelError,
     Kind,
-    Number,
-    Record,
+    NumberKind,
+    RecordKind,
     Several,
     floating,
     integer,
@@ -62,7 +62,7 @@ OF_FLOATS: dict[Any, str] = {
     np.exp: "exp",
     np.sqrt: "sqrt",
 }
-CASTS: dict[Any, tuple[str, Number]] = {
+CASTS: dict[Any, tuple[str, NumberKind]] = {
     int: ("(int64_t)", INT),
     np.int64: ("(int64_t)", INT),
     float: ("(double)", FLOAT),
@@ -73,7 +73,7 @@ CASTS: dict[Any, tuple[str, Number]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Value:
+class KernelValue:
     """An expression: its kind and C text."""
 
     kind: Kind
@@ -88,7 +88,7 @@ class Static:
 
 
 @dataclass
-class Scope:
+class KernelScope:
     """What names mean in one function: variables with their kinds, and everything around it.
 
     ``call`` translates a call of another kernel, ``table`` names a constant array, ``make`` one
@@ -98,9 +98,9 @@ class Scope:
     variables: dict[str, Kind]
     names: Mapping[str, Any]
     where: Callable[[ast.AST], str]
-    call: Callable[[Any, list[Value], dict[str, Value]], Value]
-    table: Callable[[np.ndarray], Value]
-    make: Callable[[ast.Call], Value]
+    call: Callable[[Any, list[KernelValue], dict[str, KernelValue]], KernelValue]
+    table: Callable[[np.ndarray], KernelValue]
+    make: Callable[[ast.Call], KernelValue]
 
     def refuse(self, node: ast.AST, why: str) -> KernelError:
         """The error for a construct outside the subset."""
@@ -127,7 +127,7 @@ class Scope:
                 return Static(_folded(node, values))
         return None
 
-    def value(self, node: ast.AST) -> Value:
+    def value(self, node: ast.AST) -> KernelValue:
         """Translate an expression."""
         static = self.static(node)
         if static is not None:
@@ -135,42 +135,42 @@ class Scope:
         method = getattr(self, f"_{type(node).__name__.lower()}", None)
         if method is None:
             raise self.refuse(node, "not in the kernels' subset")
-        found: Value = method(node)
+        found: KernelValue = method(node)
         return found
 
-    def number(self, node: ast.AST) -> Value:
+    def number(self, node: ast.AST) -> KernelValue:
         """Translate an expression that is a number."""
         found = self.value(node)
-        if not isinstance(found.kind, Number):
+        if not isinstance(found.kind, NumberKind):
             raise self.refuse(node, "a number is needed")
         return found
 
-    def _constant(self, node: ast.AST, value: object) -> Value:
+    def _constant(self, node: ast.AST, value: object) -> KernelValue:
         if isinstance(value, bool | np.bool_):
-            return Value(BOOL, str(int(value)))
+            return KernelValue(BOOL, str(int(value)))
         if isinstance(value, np.uint64):
-            return Value(UNSIGNED, f"UINT64_C({int(value)})")
+            return KernelValue(UNSIGNED, f"UINT64_C({int(value)})")
         if isinstance(value, int | np.integer):
             text = integer(int(value))
-            return Value(INT, f"({text})" if int(value) < 0 else text)
+            return KernelValue(INT, f"({text})" if int(value) < 0 else text)
         if isinstance(value, float):
             text = floating(value)
-            return Value(FLOAT, f"({text})" if text.startswith("-") else text)
+            return KernelValue(FLOAT, f"({text})" if text.startswith("-") else text)
         if isinstance(value, np.ndarray):
             return self.table(value)
         raise self.refuse(node, "no constant of the kernels' subset")
 
-    def _name(self, node: ast.Name) -> Value:
+    def _name(self, node: ast.Name) -> KernelValue:
         if node.id not in self.variables:
             raise self.refuse(node, "unknown name")
-        return Value(self.variables[node.id], f"{node.id}_")
+        return KernelValue(self.variables[node.id], f"{node.id}_")
 
-    def _attribute(self, node: ast.Attribute) -> Value:
+    def _attribute(self, node: ast.Attribute) -> KernelValue:
         owner = self.value(node.value)
-        if isinstance(owner.kind, Array) and node.attr == "size":
+        if isinstance(owner.kind, ArrayKind) and node.attr == "size":
             count = owner.kind.inner
-            return Value(INT, str(self._length(node, owner.kind) * count))
-        if not isinstance(owner.kind, Record):
+            return KernelValue(INT, str(self._length(node, owner.kind) * count))
+        if not isinstance(owner.kind, RecordKind):
             raise self.refuse(node, "an attribute of something else than a record")
         fields: Mapping[str, Any] = owner.kind.dtype.fields or {}
         if node.attr not in fields:
@@ -178,24 +178,24 @@ class Scope:
         its = fields[node.attr][0]
         place = f"{owner.c}->{node.attr}"
         if its.shape:
-            return Value(Array(its.base, its.shape), place)
+            return KernelValue(ArrayKind(its.base, its.shape), place)
         if its.names:
-            return Value(Record(its), f"(&{place})")
-        return Value(number_of(its), place)
+            return KernelValue(RecordKind(its), f"(&{place})")
+        return KernelValue(number_of(its), place)
 
-    def _length(self, node: ast.AST, kind: Array) -> int:
+    def _length(self, node: ast.AST, kind: ArrayKind) -> int:
         if kind.shape[0] is None:
             raise self.refuse(node, "the length is not known")
         return kind.shape[0]
 
-    def place(self, node: ast.Subscript) -> Value:
+    def place(self, node: ast.Subscript) -> KernelValue:
         """Translate an indexed element, row or slice."""
         owner = self.value(node.value)
         if isinstance(owner.kind, Several):
             static = self.static(node.slice)
             assert static is not None and isinstance(static.value, int)
-            return Value(owner.kind.items[static.value], f"{owner.c}.v{static.value}")
-        if not isinstance(owner.kind, Array):
+            return KernelValue(owner.kind.items[static.value], f"{owner.c}.v{static.value}")
+        if not isinstance(owner.kind, ArrayKind):
             raise self.refuse(node, "an index into something else than an array")
         kind, indices = owner.kind, [node.slice]
         if isinstance(node.slice, ast.Tuple):
@@ -204,17 +204,17 @@ class Scope:
             return self._part(node.slice, owner, kind)
         parts = []
         for depth, index in enumerate(indices):
-            step = Array(kind.dtype, kind.shape[depth:]).inner
+            step = ArrayKind(kind.dtype, kind.shape[depth:]).inner
             text = self.number(index).c
             parts.append(text if step == 1 else f"({text}) * {step}")
         at, rest = " + ".join(parts), kind.shape[len(indices) :]
         if rest:
-            return Value(Array(kind.dtype, rest), f"({owner.c} + {at})")
+            return KernelValue(ArrayKind(kind.dtype, rest), f"({owner.c} + {at})")
         if kind.dtype.names:
-            return Value(Record(kind.dtype), f"(&{owner.c}[{at}])")
-        return Value(number_of(kind.dtype), f"{owner.c}[{at}]")
+            return KernelValue(RecordKind(kind.dtype), f"(&{owner.c}[{at}])")
+        return KernelValue(number_of(kind.dtype), f"{owner.c}[{at}]")
 
-    def _part(self, node: ast.Slice, owner: Value, kind: Array) -> Value:
+    def _part(self, node: ast.Slice, owner: KernelValue, kind: ArrayKind) -> KernelValue:
         low = self.static(node.lower) if node.lower else Static(0)
         high = self.static(node.upper) if node.upper else Static(kind.shape[0])
         size = None
@@ -228,51 +228,51 @@ class Scope:
         start = self.number(node.lower).c if node.lower else "0"
         step = "" if kind.inner == 1 else f" * {kind.inner}"
         text = owner.c if start == "0" else f"({owner.c} + ({start}){step})"
-        return Value(Array(kind.dtype, (size, *kind.shape[1:])), text)
+        return KernelValue(ArrayKind(kind.dtype, (size, *kind.shape[1:])), text)
 
-    def _subscript(self, node: ast.Subscript) -> Value:
+    def _subscript(self, node: ast.Subscript) -> KernelValue:
         if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
             owner, index = self.value(node.value.value), self.static(node.slice)
-            assert isinstance(owner.kind, Array) and index is not None
+            assert isinstance(owner.kind, ArrayKind) and index is not None
             size = owner.kind.shape[int(str(index.value))]
             if size is None:
                 raise self.refuse(node, "the length is not known")
-            return Value(INT, str(size))
+            return KernelValue(INT, str(size))
         return self.place(node)
 
-    def _binop(self, node: ast.BinOp) -> Value:
+    def _binop(self, node: ast.BinOp) -> KernelValue:
         left, right = self.number(node.left), self.number(node.right)
         kind = unified(left.kind, right.kind)
-        assert isinstance(kind, Number)
+        assert isinstance(kind, NumberKind)
         if isinstance(node.op, ast.Div):
-            return Value(FLOAT, f"((double){left.c} / (double){right.c})")
+            return KernelValue(FLOAT, f"((double){left.c} / (double){right.c})")
         if isinstance(node.op, ast.Pow):
             power = self.static(node.right)
             if power is not None and power.value == 2:
-                return Value(kind, f"({left.c} * {left.c})")
-            return Value(FLOAT, f"pow({left.c}, {right.c})")
+                return KernelValue(kind, f"({left.c} * {left.c})")
+            return KernelValue(FLOAT, f"pow({left.c}, {right.c})")
         if isinstance(node.op, ast.FloorDiv | ast.Mod):
             if kind == FLOAT:
                 raise self.refuse(node, "a remainder of floats")
             name = "floor_quotient" if isinstance(node.op, ast.FloorDiv) else "floor_remainder"
-            return Value(INT, f"{name}({left.c}, {right.c})")
+            return KernelValue(INT, f"{name}({left.c}, {right.c})")
         if type(node.op) not in OPERATORS:
             raise self.refuse(node, "no operator of the kernels' subset")
         kind = INT if kind == BOOL else kind
-        return Value(kind, f"({left.c} {OPERATORS[type(node.op)]} {right.c})")
+        return KernelValue(kind, f"({left.c} {OPERATORS[type(node.op)]} {right.c})")
 
-    def _unaryop(self, node: ast.UnaryOp) -> Value:
+    def _unaryop(self, node: ast.UnaryOp) -> KernelValue:
         inner = self.number(node.operand)
         if isinstance(node.op, ast.Not):
-            return Value(BOOL, f"(!{inner.c})")
+            return KernelValue(BOOL, f"(!{inner.c})")
         sign = {ast.USub: "-", ast.Invert: "~", ast.UAdd: "+"}[type(node.op)]
-        return Value(INT if inner.kind == BOOL else inner.kind, f"({sign}{inner.c})")
+        return KernelValue(INT if inner.kind == BOOL else inner.kind, f"({sign}{inner.c})")
 
-    def _boolop(self, node: ast.BoolOp) -> Value:
+    def _boolop(self, node: ast.BoolOp) -> KernelValue:
         word = " && " if isinstance(node.op, ast.And) else " || "
-        return Value(BOOL, f"({word.join(self.number(v).c for v in node.values)})")
+        return KernelValue(BOOL, f"({word.join(self.number(v).c for v in node.values)})")
 
-    def _compare(self, node: ast.Compare) -> Value:
+    def _compare(self, node: ast.Compare) -> KernelValue:
         parts, left = [], node.left
         for operator, right in zip(node.ops, node.comparators, strict=True):
             if isinstance(operator, ast.In | ast.NotIn):
@@ -285,15 +285,15 @@ class Scope:
                 sign = COMPARISONS[type(operator)]
                 parts.append(f"{self.number(left).c} {sign} {self.number(right).c}")
             left = right
-        return Value(BOOL, f"({' && '.join(parts)})")
+        return KernelValue(BOOL, f"({' && '.join(parts)})")
 
-    def _ifexp(self, node: ast.IfExp) -> Value:
+    def _ifexp(self, node: ast.IfExp) -> KernelValue:
         yes, no = self.value(node.body), self.value(node.orelse)
         kind = unified(yes.kind, no.kind)
         cast = "(double)" if kind == FLOAT else ""
-        return Value(kind, f"({self.number(node.test).c} ? {cast}{yes.c} : {cast}{no.c})")
+        return KernelValue(kind, f"({self.number(node.test).c} ? {cast}{yes.c} : {cast}{no.c})")
 
-    def _call(self, node: ast.Call) -> Value:
+    def _call(self, node: ast.Call) -> KernelValue:
         if isinstance(node.func, ast.Name) and node.func.id in ("min", "max", "abs", "len", "bool"):
             return self._built_in(node, node.func.id)
         if isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
@@ -310,47 +310,47 @@ class Scope:
         if hasattr(kernel, "same"):
             return arguments[0]
         if kernel in (math.floor, np.floor):
-            return Value(INT, f"((int64_t)floor({arguments[0].c}))")
+            return KernelValue(INT, f"((int64_t)floor({arguments[0].c}))")
         if kernel in (math.isnan, np.isnan):
-            return Value(BOOL, f"(isnan({arguments[0].c}) != 0)")
+            return KernelValue(BOOL, f"(isnan({arguments[0].c}) != 0)")
         if _hashable(kernel) and kernel in OF_FLOATS:
             text = ", ".join(f"(double){argument.c}" for argument in arguments)
-            return Value(FLOAT, f"{OF_FLOATS[kernel]}({text})")
+            return KernelValue(FLOAT, f"{OF_FLOATS[kernel]}({text})")
         if _hashable(kernel) and kernel in CASTS:
             cast, kind = CASTS[kernel]
-            return Value(kind, f"({cast}({arguments[0].c}))")
+            return KernelValue(kind, f"({cast}({arguments[0].c}))")
         given = {word.arg: self.value(word.value) for word in node.keywords if word.arg}
         return self.call(kernel, arguments, given)
 
-    def _reshaped(self, node: ast.Call, method: ast.Attribute) -> Value:
+    def _reshaped(self, node: ast.Call, method: ast.Attribute) -> KernelValue:
         owner = self.value(method.value)
-        if not isinstance(owner.kind, Array) or not isinstance(node.args[0], ast.Tuple):
+        if not isinstance(owner.kind, ArrayKind) or not isinstance(node.args[0], ast.Tuple):
             raise self.refuse(node, "no shape of an array")
         sizes = [self.static(size) for size in node.args[0].elts]
         shape = tuple(size.value for size in sizes if size is not None)
-        return Value(Array(owner.kind.dtype, shape), owner.c)
+        return KernelValue(ArrayKind(owner.kind.dtype, shape), owner.c)
 
-    def _built_in(self, node: ast.Call, name: str) -> Value:
+    def _built_in(self, node: ast.Call, name: str) -> KernelValue:
         values = [self.value(argument) for argument in node.args]
         if name == "len":
-            assert isinstance(values[0].kind, Array)
-            return Value(INT, str(self._length(node, values[0].kind)))
+            assert isinstance(values[0].kind, ArrayKind)
+            return KernelValue(INT, str(self._length(node, values[0].kind)))
         if name == "bool":
-            return Value(BOOL, f"({values[0].c} != 0)")
+            return KernelValue(BOOL, f"({values[0].c} != 0)")
         kind: Kind = values[0].kind
         for value in values[1:]:
             kind = unified(kind, value.kind)
         kind = INT if kind == BOOL else kind
         if name == "abs":
             text = f"fabs({values[0].c})" if kind == FLOAT else f"llabs({values[0].c})"
-            return Value(kind, text)
+            return KernelValue(kind, text)
         text = values[0].c
         for value in values[1:]:
-            word = {FLOAT: "float", INT: "int"}.get(kind) if isinstance(kind, Number) else None
+            word = {FLOAT: "float", INT: "int"}.get(kind) if isinstance(kind, NumberKind) else None
             if word is None:
                 raise self.refuse(node, "the extreme of unsigned numbers")
             text = f"{name}_{word}({text}, {value.c})"
-        return Value(kind, text)
+        return KernelValue(kind, text)
 
 
 def _same(one: ast.AST, other: ast.AST) -> bool:

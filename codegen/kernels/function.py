@@ -6,26 +6,35 @@ from typing import Any
 
 import numpy as np
 
-from codegen.kernels.expressions import Scope, Static, Value
-from codegen.kernels.kinds import INT, Array, Kind, Number, Record, Several, Structs, unified
+from codegen.kernels.expressions import KernelScope, KernelValue, Static
+from codegen.kernels.kinds import (
+    INT,
+    ArrayKind,
+    Kind,
+    NumberKind,
+    RecordKind,
+    Several,
+    Structs,
+    unified,
+)
 
 INDENT = "    "
 
 
-class Body:
+class KernelWriter:
     """The statements of one function.
 
     ``result`` is the kind of what it returns, None for nothing.
     """
 
-    def __init__(self, node: ast.FunctionDef, scope: Scope, structs: Structs) -> None:
+    def __init__(self, node: ast.FunctionDef, scope: KernelScope, structs: Structs) -> None:
         self.node = node
         self.scope = scope
         scope.make = self.make
         self.structs = structs
         self.result: Kind | None = None
         self.parameters = set(scope.variables)
-        self.local: dict[str, Array] = {}
+        self.local: dict[str, ArrayKind] = {}
         self.loops = 0
         self.lines: list[str] = []
 
@@ -45,7 +54,7 @@ class Body:
         for name, kind in self.scope.variables.items():
             if name in self.parameters:
                 continue
-            start = " = 0" if isinstance(kind, Number) else ""
+            start = " = 0" if isinstance(kind, NumberKind) else ""
             yield f"{INDENT}{self.structs.c(kind)} {name}_{start};"
         for name, array in self.local.items():
             yield f"{INDENT}{self.structs.stored(array.dtype)} {name}[{array.count}];"
@@ -101,7 +110,7 @@ class Body:
             return
         if isinstance(node.value, ast.Tuple):
             values = [self.scope.number(its) for its in node.value.elts]
-            kinds = tuple(v.kind for v in values if isinstance(v.kind, Number))
+            kinds = tuple(v.kind for v in values if isinstance(v.kind, NumberKind))
             self.result = unified(self.result, Several(kinds))
             text = ", ".join(value.c for value in values)
             self.put(depth, f"return ({self.structs.c(self.result)}){{ {text} }};")
@@ -128,7 +137,7 @@ class Body:
         value = self.scope.value(source)
         self._store(target, value, depth)
 
-    def make(self, source: ast.Call) -> Value:
+    def make(self, source: ast.Call) -> KernelValue:
         """An array of this call of the function, as np.empty makes it."""
         function = self.scope.static(source.func)
         assert function is not None
@@ -137,18 +146,18 @@ class Body:
         if function.value is np.empty:
             kind = self._empty(source)
         else:
-            kind = Array(np.dtype(np.float64), (function.value.elements,))
+            kind = ArrayKind(np.dtype(np.float64), (function.value.elements,))
         name = f"made_{source.lineno}_{source.col_offset}"
         self.local[name] = kind
-        return Value(kind, name)
+        return KernelValue(kind, name)
 
-    def _record(self, vector: Value, function: Any) -> Value:  # noqa: ANN401
+    def _record(self, vector: KernelValue, function: Any) -> KernelValue:  # noqa: ANN401
         """The record that begins a vector of float64 numbers."""
         dtype: np.dtype[Any] = function.record
         name = self.structs.name(dtype, function.__module__.rpartition(".")[2])
-        return Value(Record(dtype), f"(({name} *){vector.c})")
+        return KernelValue(RecordKind(dtype), f"(({name} *){vector.c})")
 
-    def _empty(self, source: ast.Call) -> Array:
+    def _empty(self, source: ast.Call) -> ArrayKind:
         sizes = source.args[0].elts if isinstance(source.args[0], ast.Tuple) else [source.args[0]]
         shape = []
         for size in sizes:
@@ -158,9 +167,9 @@ class Body:
             shape.append(int(number.value))
         kind = self.scope.static(source.args[1]) if len(source.args) > 1 else Static(np.float64)
         assert kind is not None
-        return Array(np.dtype(kind.value), tuple(shape))
+        return ArrayKind(np.dtype(kind.value), tuple(shape))
 
-    def _store(self, target: ast.expr, value: Value, depth: int) -> None:
+    def _store(self, target: ast.expr, value: KernelValue, depth: int) -> None:
         if isinstance(target, ast.Name):
             self._define(target.id, value.kind)
             self.put(depth, f"{target.id}_ = {value.c};")
@@ -169,22 +178,22 @@ class Body:
             self._store_slice(target, value, depth)
             return
         place = self._place(target)
-        if not isinstance(place.kind, Number):
+        if not isinstance(place.kind, NumberKind):
             raise self.scope.refuse(target, "a number is stored in what is none")
         self.put(depth, f"{place.c} = {value.c};")
 
-    def _place(self, target: ast.expr) -> Value:
+    def _place(self, target: ast.expr) -> KernelValue:
         if isinstance(target, ast.Subscript):
             return self.scope.place(target)
         if isinstance(target, ast.Attribute):
             return self.scope.value(target)
         raise self.scope.refuse(target, "nothing that can be assigned to")
 
-    def _store_slice(self, target: ast.Subscript, value: Value, depth: int) -> None:
+    def _store_slice(self, target: ast.Subscript, value: KernelValue, depth: int) -> None:
         part = self.scope.place(target)
-        assert isinstance(part.kind, Array)
+        assert isinstance(part.kind, ArrayKind)
         owner = self.scope.value(target.value)
-        assert isinstance(owner.kind, Array) and isinstance(target.slice, ast.Slice)
+        assert isinstance(owner.kind, ArrayKind) and isinstance(target.slice, ast.Slice)
         low = self.scope.number(target.slice.lower).c if target.slice.lower else "0"
         high = str(owner.kind.shape[0])
         if target.slice.upper is not None:
@@ -193,7 +202,7 @@ class Body:
             raise self.scope.refuse(target, "the length is not known")
         self.loops += 1
         index = f"k{self.loops}"
-        item = f"{value.c}[{index}]" if isinstance(value.kind, Array) else value.c
+        item = f"{value.c}[{index}]" if isinstance(value.kind, ArrayKind) else value.c
         self.put(depth, f"for (int64_t {index} = 0; {index} < ({high}) - ({low}); {index}++) {{")
         self.put(depth + 1, f"{part.c}[{index}] = {item};")
         self.put(depth, "}")
@@ -209,12 +218,12 @@ class Body:
             held = []
             for k, value in enumerate(values):
                 self.put(depth + 1, f"{self.structs.c(value.kind)} {prefix}_{k} = {value.c};")
-                held.append(Value(value.kind, f"{prefix}_{k}"))
+                held.append(KernelValue(value.kind, f"{prefix}_{k}"))
         else:
             value = self.scope.value(source)
             assert isinstance(value.kind, Several)
             self.put(depth + 1, f"{self.structs.c(value.kind)} {prefix} = {value.c};")
-            held = [Value(kind, f"{prefix}.v{k}") for k, kind in enumerate(value.kind.items)]
+            held = [KernelValue(kind, f"{prefix}.v{k}") for k, kind in enumerate(value.kind.items)]
         for its, value in zip(target.elts, held, strict=True):
             self._store(its, value, depth + 1)
         self.put(depth, "}")

@@ -32,7 +32,7 @@ class KernelError(CanrollError):
 
 
 @dataclass(frozen=True, slots=True)
-class Number:
+class NumberKind:
     """A number in an expression: int, unsigned (64 bits), float or bool."""
 
     kind: str
@@ -43,18 +43,23 @@ class Number:
         return {"float": "double", "unsigned": "uint64_t"}.get(self.kind, "int64_t")
 
 
-INT, FLOAT, UNSIGNED, BOOL = Number("int"), Number("float"), Number("unsigned"), Number("bool")
+INT, FLOAT, UNSIGNED, BOOL = (
+    NumberKind("int"),
+    NumberKind("float"),
+    NumberKind("unsigned"),
+    NumberKind("bool"),
+)
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class RecordKind:
     """A record of a structured dtype."""
 
     dtype: np.dtype[Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Array:
+class ArrayKind:
     """An array; sizes that are not known are None, which only the first can be."""
 
     dtype: np.dtype[Any]
@@ -80,33 +85,33 @@ class Array:
 class Several:
     """A tuple of numbers, as functions return them."""
 
-    items: tuple[Number, ...]
+    items: tuple[NumberKind, ...]
 
 
-Kind = Number | Record | Array | Several
+Kind = NumberKind | RecordKind | ArrayKind | Several
 
 
 def unified(one: Kind | None, other: Kind) -> Kind:
     """The kind of a variable that holds both."""
     if one is None or one == other:
         return other
-    if isinstance(one, Number) and isinstance(other, Number):
+    if isinstance(one, NumberKind) and isinstance(other, NumberKind):
         kinds = {one.kind, other.kind}
         if kinds <= {"bool", "int"}:
             return INT
         if "float" in kinds and "unsigned" not in kinds:
             return FLOAT
         raise KernelError(f"a variable is {one.kind} and {other.kind}")
-    if isinstance(one, Array) and isinstance(other, Array) and one.dtype == other.dtype:
-        return Array(one.dtype, (None, *one.shape[1:]))
+    if isinstance(one, ArrayKind) and isinstance(other, ArrayKind) and one.dtype == other.dtype:
+        return ArrayKind(one.dtype, (None, *one.shape[1:]))
     if isinstance(one, Several) and isinstance(other, Several):
         pairs = zip(one.items, other.items, strict=True)
         items = tuple(unified(a, b) for a, b in pairs)
-        return Several(tuple(item for item in items if isinstance(item, Number)))
+        return Several(tuple(item for item in items if isinstance(item, NumberKind)))
     raise KernelError("a variable changes its kind")
 
 
-def number_of(dtype: np.dtype[Any]) -> Number:
+def number_of(dtype: np.dtype[Any]) -> NumberKind:
     """The kind in expressions of a stored number."""
     if dtype.kind == "f":
         return FLOAT
@@ -148,11 +153,11 @@ class Structs:
 
     def c(self, kind: Kind) -> str:
         """The C type of a parameter or variable."""
-        if isinstance(kind, Number):
+        if isinstance(kind, NumberKind):
             return kind.c
-        if isinstance(kind, Record):
+        if isinstance(kind, RecordKind):
             return f"{self.name(kind.dtype)} *"
-        if isinstance(kind, Array):
+        if isinstance(kind, ArrayKind):
             return f"{self.stored(kind.dtype)} *"
         known = f"{self.prefix}{''.join(item.kind[0] for item in kind.items)}"
         text = "".join(f" {item.c} v{k};" for k, item in enumerate(kind.items))

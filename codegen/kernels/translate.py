@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from codegen.kernels.expressions import Scope, Value
-from codegen.kernels.function import Body
-from codegen.kernels.kinds import Array, KernelError, Kind, Number, Structs, initialiser
+from codegen.kernels.expressions import KernelScope, KernelValue
+from codegen.kernels.function import KernelWriter
+from codegen.kernels.kinds import ArrayKind, KernelError, Kind, NumberKind, Structs, initialiser
 
 PRELUDE = """\
 #include "kernels.h"
@@ -76,7 +76,7 @@ class Translator:
             tables.append(f"static const {kind} {name}[{values.size}] = {initialiser(values)};\n")
         return "\n".join([PRELUDE, *tables, *self._functions])
 
-    def _function(self, kernel: Any, kinds: tuple[Kind, ...], name: str = "") -> Value:  # noqa: ANN401
+    def _function(self, kernel: Any, kinds: tuple[Kind, ...], name: str = "") -> KernelValue:  # noqa: ANN401
         function = _python(kernel)
         key = (function, kinds)
         if key not in self._made:
@@ -85,7 +85,7 @@ class Translator:
             self._made[key] = (name, None)
             self._translate(function, kinds, name, key, public=public)
         found, result = self._made[key]
-        return Value(result or Number("int"), found)
+        return KernelValue(result or NumberKind("int"), found)
 
     def _named(self, function: Callable[..., Any]) -> str:
         module = function.__module__.rpartition(".")[2]
@@ -111,7 +111,7 @@ class Translator:
         parameters = [argument.arg for argument in tree.args.args]
         closure = inspect.getclosurevars(function)
         names = {**function.__globals__, **closure.nonlocals}
-        scope = Scope(
+        scope = KernelScope(
             variables=dict(zip(parameters, kinds, strict=True)),
             names=names,
             where=lambda node: f"{file}:{first + getattr(node, 'lineno', 1) - 1}",
@@ -119,7 +119,7 @@ class Translator:
             table=self._table,
             make=_nothing,
         )
-        body = Body(tree, scope, self.structs)
+        body = KernelWriter(tree, scope, self.structs)
         try:
             text = body.translate()
         except KernelError as error:
@@ -139,10 +139,17 @@ class Translator:
         comment = f"/* {function.__module__}.{function.__name__}: {doc} */\n"
         self._functions.append(comment + "\n".join([head, "{", *text, "}", ""]))
 
-    def _call(self, kernel: Any, given: list[Value], named: dict[str, Value]) -> Value:  # noqa: ANN401
+    def _call(
+        self,
+        kernel: Any,  # noqa: ANN401
+        given: list[KernelValue],
+        named: dict[str, KernelValue],
+    ) -> KernelValue:
         other = self.replaced.get(_python(kernel))
         if isinstance(other, str):
-            return Value(Number("int"), f"{other}({', '.join(value.c for value in given)})")
+            return KernelValue(
+                NumberKind("int"), f"{other}({', '.join(value.c for value in given)})"
+            )
         kernel = other or kernel
         function = _python(kernel)
         if not inspect.isfunction(function):
@@ -154,19 +161,20 @@ class Translator:
             else:
                 default = parameter.default
                 assert isinstance(default, int | float)
-                kind = Number("float" if isinstance(default, float) else "int")
-                values.append(Value(kind, f"({default})"))
+                kind = NumberKind("float" if isinstance(default, float) else "int")
+                values.append(KernelValue(kind, f"({default})"))
         kinds = tuple(
-            Number("int") if value.kind == Number("bool") else value.kind for value in values
+            NumberKind("int") if value.kind == NumberKind("bool") else value.kind
+            for value in values
         )
         found = self._function(kernel, kinds)
-        return Value(found.kind, f"{found.c}({', '.join(value.c for value in values)})")
+        return KernelValue(found.kind, f"{found.c}({', '.join(value.c for value in values)})")
 
-    def _table(self, values: np.ndarray) -> Value:
+    def _table(self, values: np.ndarray) -> KernelValue:
         key = id(values)
         if key not in self._tables:
             self._tables[key] = (values, f"table_{len(self._tables)}")
-        return Value(Array(values.dtype, values.shape), self._tables[key][1])
+        return KernelValue(ArrayKind(values.dtype, values.shape), self._tables[key][1])
 
 
 def _python(kernel: Any) -> Any:  # noqa: ANN401
@@ -174,5 +182,5 @@ def _python(kernel: Any) -> Any:  # noqa: ANN401
     return getattr(kernel, "py_func", None) or getattr(kernel, "_pyfunc", None) or kernel
 
 
-def _nothing(node: ast.Call) -> Value:
+def _nothing(node: ast.Call) -> KernelValue:
     raise KernelError(f"an array is made outside of a function: {ast.unparse(node)}")

@@ -7,13 +7,13 @@ from itertools import product
 
 from codegen.operations import intervals as iv
 from codegen.operations.intervals import KINDS, Value
-from codegen.proof.abstract_state import Array, Element, Finding, Key, Reference, State
+from codegen.proof.abstract_state import AbstractState, Array, Element, Finding, Key, Reference
 from codegen.subset.program import (
     CONST_RECORD,
     Constant,
+    FieldReference,
     Function,
     Local,
-    Member,
     Module,
     Program,
     elements,
@@ -44,7 +44,7 @@ class Memory(ABC):
         self.arrays: dict[Key, Array] = {}
         self.module: Module = next(iter(program.modules.values()))
         self.function: Function = next(iter(program.functions()))
-        self.returns: list[tuple[Value | None, State]] = []
+        self.returns: list[tuple[Value | None, AbstractState]] = []
         self.bounded = bounded
         self.rounds = 0
         for module in program.modules.values():
@@ -72,10 +72,10 @@ class Memory(ABC):
         return sorted(self.found.values(), key=lambda f: (f.path, f.line, f.what))
 
     @abstractmethod
-    def value(self, node: ast.expr, state: State) -> Value:
+    def value(self, node: ast.expr, state: AbstractState) -> Value:
         """The interval of an expression in ``state``; calls in it change ``state``."""
 
-    def _join(self, a: State, b: State) -> State:
+    def _join(self, a: AbstractState, b: AbstractState) -> AbstractState:
         names: dict[str, Value | Reference] = {}
         for name, mine in a.names.items():
             other = b.names.get(name)
@@ -87,9 +87,9 @@ class Memory(ABC):
         for element in {*a.known, *b.known}:
             one, two = self._element(element, a), self._element(element, b)
             known[element] = one if one is two else iv.hull(one, two)
-        return State(names, known)
+        return AbstractState(names, known)
 
-    def _store(self, node: ast.stmt, target: ast.expr, value: Value, state: State) -> None:
+    def _store(self, node: ast.stmt, target: ast.expr, value: Value, state: AbstractState) -> None:
         ref = self.refs[target]
         if isinstance(ref, Local):
             state.names[ref.name] = self._stored(node, value, *KINDS[ref.kind], ref.kind)
@@ -114,20 +114,20 @@ class Memory(ABC):
         self._oblige(node, value.within(lo, hi), f"does not fit {what}", value)
         return value.limited(lo, hi)
 
-    def _place(self, node: ast.expr, state: State) -> Reference:
+    def _place(self, node: ast.expr, state: AbstractState) -> Reference:
         if isinstance(node, ast.Subscript):
             return self._indexed(node, state)
         match self.refs[node]:
             case Constant(module=module, name=name):
                 return Reference("", (f"module {module}", name))
-            case Member(record=record, field=field):
+            case FieldReference(record=record, field=field):
                 return Reference(record, (record, field.name))
         assert isinstance(node, ast.Name)
         found = state.names[node.id]
         assert isinstance(found, Reference)
         return found
 
-    def _indexed(self, node: ast.Subscript, state: State) -> Reference:
+    def _indexed(self, node: ast.Subscript, state: AbstractState) -> Reference:
         base = self._place(node.value, state)
         assert base.key is not None
         index = self.value(node.slice, state)
@@ -139,7 +139,7 @@ class Memory(ABC):
         ranges = [range(index.lo, index.hi + 1) for index in reference.prefix]
         return product(*ranges)
 
-    def _element(self, element: Element, state: State) -> Value:
+    def _element(self, element: Element, state: AbstractState) -> Value:
         found = state.known.get(element)
         if found is not None:
             return found
@@ -150,7 +150,7 @@ class Memory(ABC):
             return Value(exact, exact)
         return Value(array.lo, array.hi)
 
-    def _load(self, reference: Reference, state: State) -> Value:
+    def _load(self, reference: Reference, state: AbstractState) -> Value:
         assert reference.key is not None
         array = self.arrays[reference.key]
         value: Value | None = None

@@ -30,15 +30,15 @@ class Array:
 
 
 @dataclass(slots=True)
-class State:
+class AbstractState:
     """Locals of the current function, and elements known more closely than their declared range."""
 
     names: dict[str, Value | Reference]
     known: dict[Element, Value] = field(default_factory=dict)
 
-    def copy(self) -> "State":
+    def copy(self) -> "AbstractState":
         """Return an independent copy."""
-        return State(dict(self.names), dict(self.known))
+        return AbstractState(dict(self.names), dict(self.known))
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,21 +10,29 @@ from codegen.operations.intervals import KINDS, Value
 from codegen.operations.relations import RELATIONS, narrow
 from codegen.operations.table import OPERATORS, Access, Operation
 from codegen.proof.abstract_memory import Memory
-from codegen.proof.abstract_state import Element, Reference, State
-from codegen.subset.program import Constant, Function, Local, Member, Parameter, Record, is_scalar
+from codegen.proof.abstract_state import AbstractState, Element, Reference
+from codegen.subset.program import (
+    Constant,
+    FieldReference,
+    Function,
+    Local,
+    Parameter,
+    Record,
+    is_scalar,
+)
 from codegen.subset.walk import walk
 
 
-class Expressions(Memory):
+class ExpressionProof(Memory):
     """Values of expressions, states by conditions; a subclass runs the functions called."""
 
-    def value(self, node: ast.expr, state: State) -> Value:
+    def value(self, node: ast.expr, state: AbstractState) -> Value:
         """The interval of an expression in ``state``; calls in it change ``state``."""
         result = self._value(node, state)
         self._record(node, result)
         return result
 
-    def _value(self, node: ast.expr, state: State) -> Value:
+    def _value(self, node: ast.expr, state: AbstractState) -> Value:
         if isinstance(node, ast.Constant):
             return Value(int(node.value), int(node.value))  # type: ignore[arg-type]
         if isinstance(node, ast.Name | ast.Attribute | ast.Subscript):
@@ -42,7 +50,7 @@ class Expressions(Memory):
                 return self._operate(node, operation, [self.value(a, state) for a in node.args])
         return self._call(node, state)
 
-    def _read(self, node: ast.expr, state: State) -> Value:
+    def _read(self, node: ast.expr, state: AbstractState) -> Value:
         """A constant, a local, a field or an element."""
         match self.refs[node]:
             case Constant(value=int(number)):
@@ -59,7 +67,7 @@ class Expressions(Memory):
         result = operation.interval(*a)
         return self._checked(node, result) if operation.overflows else result
 
-    def _call(self, node: ast.Call, state: State) -> Value:
+    def _call(self, node: ast.Call, state: AbstractState) -> Value:
         function, names = self._arguments(node, state)
         result = None
         if self.proof:
@@ -76,7 +84,7 @@ class Expressions(Memory):
     ) -> tuple[Value | None, dict[Element, Value]]:
         """Run a function; return its result and the state after it."""
         result: Value | None = None
-        joined: State | None = None
+        joined: AbstractState | None = None
         for value, state in self._paths(function, names, known):
             state.names = {}
             if value is not None:
@@ -85,7 +93,7 @@ class Expressions(Memory):
         return result, joined.known if joined is not None else known
 
     def _arguments(
-        self, node: ast.Call, state: State
+        self, node: ast.Call, state: AbstractState
     ) -> tuple[Function, dict[str, Value | Reference]]:
         function = self.refs[node]
         assert isinstance(function, Function)
@@ -98,7 +106,7 @@ class Expressions(Memory):
                 names[name] = self._place(argument, state)
         return function, names
 
-    def _access(self, node: ast.Call, access: Access, state: State) -> Value:
+    def _access(self, node: ast.Call, access: Access, state: AbstractState) -> Value:
         """A record read or written as memory: an element read is any value of its kind."""
         given = self.refs[node.args[0]]
         assert isinstance(given, Parameter)
@@ -118,7 +126,7 @@ class Expressions(Memory):
         state.known = {e: value for e, value in state.known.items() if e[0][0] != record.name}
         return Value(0, 0)
 
-    def _clear(self, node: ast.Call, record: Record, state: State) -> Value:
+    def _clear(self, node: ast.Call, record: Record, state: AbstractState) -> Value:
         """Set every element of a record to zero."""
         zero = Value(0, 0)
         for name in record.fields:
@@ -137,18 +145,20 @@ class Expressions(Memory):
         function: Function,
         names: dict[str, Value | Reference],
         known: dict[Element, Value],
-    ) -> list[tuple[Value | None, State]]:
+    ) -> list[tuple[Value | None, AbstractState]]:
         """Run a function; return its result and final state for each path."""
 
-    def branch(self, test: ast.expr, state: State) -> tuple[State | None, State | None]:
+    def branch(
+        self, test: ast.expr, state: AbstractState
+    ) -> tuple[AbstractState | None, AbstractState | None]:
         """States in which ``test`` holds and in which it does not; None where impossible."""
         if isinstance(test, ast.UnaryOp):
             yes, no = self.branch(test.operand, state)
             return no, yes
         if isinstance(test, ast.BoolOp):
             both = isinstance(test.op, ast.And)
-            current: State | None = state
-            left: State | None = None
+            current: AbstractState | None = state
+            left: AbstractState | None = None
             for part in test.values:
                 if current is None:
                     break
@@ -170,14 +180,14 @@ class Expressions(Memory):
         )
 
     def _branch_on_call(
-        self, test: ast.Compare, call: ast.Call, state: State
-    ) -> tuple[State | None, State | None]:
+        self, test: ast.Compare, call: ast.Call, state: AbstractState
+    ) -> tuple[AbstractState | None, AbstractState | None]:
         """Branch on each path of the call separately, narrowing the call's arguments by it."""
         function, names = self._arguments(call, state)
         op = type(test.ops[0])
-        results: list[State | None] = [None, None]
+        results: list[AbstractState | None] = [None, None]
         for value, end in self._paths(function, names, state.known):
-            after = State(dict(state.names), end.known)
+            after = AbstractState(dict(state.names), end.known)
             self._learn_arguments(call, function, end, after)
             assert value is not None
             self._record(call, value)
@@ -190,7 +200,7 @@ class Expressions(Memory):
         return results[0], results[1]
 
     def _learn_arguments(
-        self, call: ast.Call, function: Function, end: State, after: State
+        self, call: ast.Call, function: Function, end: AbstractState, after: AbstractState
     ) -> None:
         """Narrow the arguments of ``call`` to the parameter intervals of one path."""
         stale = self._writes(call)
@@ -200,8 +210,8 @@ class Expressions(Memory):
                 self._learn(argument, learnt, after, stale=stale)
 
     def _narrowed(
-        self, test: ast.Compare, op: type[ast.cmpop], a: Value, b: Value, state: State
-    ) -> State | None:
+        self, test: ast.Compare, op: type[ast.cmpop], a: Value, b: Value, state: AbstractState
+    ) -> AbstractState | None:
         one = narrow(op, a, b)
         two = narrow(RELATIONS[op].swapped, b, a)
         if one is None or two is None:
@@ -217,12 +227,12 @@ class Expressions(Memory):
         called = (self.refs[n] for n in walk(node) if isinstance(n, ast.Call))
         return any(isinstance(f, Function) and f.key in self.program.writers for f in called)
 
-    def _learn(self, node: ast.expr, value: Value, state: State, *, stale: bool) -> None:
+    def _learn(self, node: ast.expr, value: Value, state: AbstractState, *, stale: bool) -> None:
         """Narrow what ``node`` reads; of places only where it is not ``stale``."""
         ref = self.refs.get(node)
         if isinstance(ref, Local) and isinstance(node, ast.Name):
             state.names[ref.name] = value
-        elif isinstance(ref, Member | Parameter) and not stale:
+        elif isinstance(ref, FieldReference | Parameter) and not stale:
             reference = self._place(node, state)
             assert reference.key is not None
             array = self.arrays[reference.key]

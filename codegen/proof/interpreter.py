@@ -11,8 +11,8 @@ import ast
 
 from codegen.operations.intervals import KINDS, Value
 from codegen.operations.table import OPERATORS
-from codegen.proof.abstract_state import Array, Element, Reference, State, same
-from codegen.proof.expressions import Expressions
+from codegen.proof.abstract_state import AbstractState, Array, Element, Reference, same
+from codegen.proof.expressions import ExpressionProof
 from codegen.subset.program import Function, SubsetError, Type
 
 UNROLLED = 64
@@ -21,10 +21,10 @@ NESTED = UNROLLED**2
 """Rounds of loops in each other that a bounded module may have."""
 
 
-class Interpreter(Expressions):
+class Interpreter(ExpressionProof):
     """Runs functions of a program on intervals; the module's docstring describes the two modes."""
 
-    def run(self, function: Function, state: State | None = None) -> Value | None:
+    def run(self, function: Function, state: AbstractState | None = None) -> Value | None:
         """Run ``function`` with parameters of any value of their type."""
         names: dict[str, Value | Reference] = {}
         for name, its in function.parameters.items():
@@ -47,19 +47,21 @@ class Interpreter(Expressions):
         function: Function,
         names: dict[str, Value | Reference],
         known: dict[Element, Value],
-    ) -> list[tuple[Value | None, State]]:
+    ) -> list[tuple[Value | None, AbstractState]]:
         """Run a function; return its result and final state for each path."""
         outer = (self.module, self.function, self.returns)
         self.module, self.function = self.program.modules[function.module], function
         self.returns = []
-        end = self._block(function.node.body, State(names, dict(known)))
+        end = self._block(function.node.body, AbstractState(names, dict(known)))
         if end is not None:
             self.returns.append((None, end))
         paths = self.returns
         self.module, self.function, self.returns = outer
         return paths
 
-    def _block(self, statements: list[ast.stmt], state: State | None) -> State | None:
+    def _block(
+        self, statements: list[ast.stmt], state: AbstractState | None
+    ) -> AbstractState | None:
         for i, statement in enumerate(statements):
             if state is None:
                 return None
@@ -83,16 +85,18 @@ class Interpreter(Expressions):
             return False
         return ast.unparse(following.test.left) == ast.unparse(statement.target)
 
-    def _by_path(self, statement: ast.stmt, following: ast.stmt, state: State) -> State | None:
+    def _by_path(
+        self, statement: ast.stmt, following: ast.stmt, state: AbstractState
+    ) -> AbstractState | None:
         """Run a call and the ``if`` on its result together, path by path."""
         assert isinstance(statement, ast.AnnAssign) and isinstance(statement.value, ast.Call)
         assert isinstance(statement.target, ast.Name)
         function, names = self._arguments(statement.value, state)
-        joined: State | None = None
+        joined: AbstractState | None = None
         for value, end in self._paths(function, names, state.known):
             assert value is not None
             self._record(statement.value, value)
-            after = State(dict(state.names), end.known)
+            after = AbstractState(dict(state.names), end.known)
             self._store(statement, statement.target, value, after)
             self._learn_arguments(statement.value, function, end, after)
             outcome = self._statement(following, after)
@@ -100,7 +104,7 @@ class Interpreter(Expressions):
                 joined = outcome if joined is None else self._join(joined, outcome)
         return joined
 
-    def _statement(self, node: ast.stmt, state: State) -> State | None:
+    def _statement(self, node: ast.stmt, state: AbstractState) -> AbstractState | None:
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
             assert node.value is not None
             self._store(node, node.target, self.value(node.value, state), state)
@@ -131,7 +135,7 @@ class Interpreter(Expressions):
             self.value(node.value, state)
         return state
 
-    def _loop(self, node: ast.For, state: State) -> State | None:
+    def _loop(self, node: ast.For, state: AbstractState) -> AbstractState | None:
         assert isinstance(node.iter, ast.Call) and isinstance(node.target, ast.Name)
         start, stop, step = self._range(node.iter, state)
         first, last = (start.lo, stop.hi) if step > 0 else (start.hi, stop.lo)
@@ -158,12 +162,12 @@ class Interpreter(Expressions):
             )
 
     def _rounds(
-        self, node: ast.For, state: State, trips: range, stop: Value, *, unrolled: bool
-    ) -> State | None:
+        self, node: ast.For, state: AbstractState, trips: range, stop: Value, *, unrolled: bool
+    ) -> AbstractState | None:
         assert isinstance(node.target, ast.Name)
         name, rising = node.target.id, trips.step > 0
         if self.proof and unrolled and len(trips) <= UNROLLED:
-            current: State | None = state
+            current: AbstractState | None = state
             for k in trips:
                 if current is None:
                     return None
@@ -178,13 +182,15 @@ class Interpreter(Expressions):
             return current
         return self._fixed_point(node, name, trips, state)
 
-    def _range(self, call: ast.Call, state: State) -> tuple[Value, Value, int]:
+    def _range(self, call: ast.Call, state: AbstractState) -> tuple[Value, Value, int]:
         bounds = [self.value(argument, state) for argument in call.args]
         if len(bounds) == 1:
             return Value(0, 0), bounds[0], 1
         return bounds[0], bounds[1], bounds[2].lo if len(bounds) == 3 else 1
 
-    def _fixed_point(self, node: ast.For, name: str, trips: range, state: State) -> State | None:
+    def _fixed_point(
+        self, node: ast.For, name: str, trips: range, state: AbstractState
+    ) -> AbstractState | None:
         if not trips:
             return state
         entry = state

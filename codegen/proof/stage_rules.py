@@ -13,8 +13,8 @@ from codegen.proof.prove import Proof
 from codegen.subset.parse import load
 from codegen.subset.program import (
     Constant,
+    FieldReference,
     Function,
-    Member,
     Parameter,
     Program,
     SubsetError,
@@ -40,7 +40,7 @@ def check(program: Program, proof: Proof) -> None:
             raise SubsetError(module.path, place, rule)
         for node in walk(function.node):
             match program.refs.get(node):
-                case Member(owner, record, field) if record == STATE and field.volatile:
+                case FieldReference(owner, record, field) if record == STATE and field.volatile:
                     name = f"{owner}.{field.name}"
                     rule = f"an interrupt writes {name}: use the inputs, such as roll_rate"
                     raise SubsetError(module.path, node, rule)
@@ -60,7 +60,7 @@ def _foreign_stores(program: Program, function: Function, own: set[str]) -> Iter
     """Writes of a function to the loop's state outside the stage's fields."""
     for target in stored(program, walk(function.node)):
         ref = program.refs.get(target)
-        if isinstance(ref, Member) and ref.field.name not in {*own, ESTIMATE}:
+        if isinstance(ref, FieldReference) and ref.field.name not in {*own, ESTIMATE}:
             yield target
     for node, called in program.references(function):
         if not isinstance(node, ast.Call):
@@ -89,7 +89,7 @@ def _refuse_unscaled(program: Program, function: Function, node: ast.Compare) ->
     for pair in pairs:
         for side, other in (pair, pair[::-1]):
             ref = program.refs.get(side)
-            field = ref.field if isinstance(ref, Member) else None
+            field = ref.field if isinstance(ref, FieldReference) else None
             if field is not None and field.q and _bare(program, other, field.q):
                 value, unit = ast.unparse(other), f" {field.unit}" if field.unit else ""
                 rule = (

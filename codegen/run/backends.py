@@ -10,8 +10,8 @@ import numpy as np
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.run import BACKENDS, memory_image, native
 from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.ecu import Backend, Ecu
-from codegen.run.ecu_traffic import Frame, Payload, Traffic
+from codegen.run.ecu import Backend, EcuBackend
+from codegen.run.ecu_traffic import EcuTraffic, Frame, Payload
 from codegen.run.machine import PythonMachine
 from codegen.run.secured import NEW, Lasting, SecuredEcu
 from codegen.run.unicorn import CortexEcu
@@ -21,7 +21,7 @@ from firmware.calibration import Calibration
 __all__ = ["Backend", "NativeEcu", "PythonEcu", "Recorder", "default_backend", "open_backend"]
 
 
-class PythonEcu(Ecu):
+class PythonEcu(EcuBackend):
     """An ECU whose firmware is run by CPython, line by line."""
 
     def __init__(self, calibration: Calibration, firmware: BusFirmware | None = None) -> None:
@@ -29,7 +29,7 @@ class PythonEcu(Ecu):
         super().__init__(PythonMachine(firmware), calibration, firmware)
 
 
-class NativeEcu(Ecu):
+class NativeEcu(EcuBackend):
     """An ECU whose firmware is compiled C, its records in the memory of this process."""
 
     machine: native.NativeMachine
@@ -73,7 +73,7 @@ def open_backend(
     """
     if name not in BACKENDS:
         raise UnknownNameError("backend", name, BACKENDS)
-    ecu: Ecu
+    ecu: EcuBackend
     if name == "python":
         ecu = PythonEcu(calibration, firmware)
     elif name == "native":
@@ -96,9 +96,9 @@ class Recorder:
         self._elapsed: list[int] = []
 
     @property
-    def traffic(self) -> Traffic:
+    def traffic(self) -> EcuTraffic:
         """Frames and elapsed ticks of all ticks so far."""
-        return Traffic(np.array(self._rows, self._kind), np.array(self._elapsed, np.int32))
+        return EcuTraffic(np.array(self._rows, self._kind), np.array(self._elapsed, np.int32))
 
     @property
     def state(self) -> Any:  # noqa: ANN401 - the record of the bus's firmware

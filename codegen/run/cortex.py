@@ -55,7 +55,7 @@ CPUS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class CortexRun:
     """Results of a Cortex-M run on given traffic.
 
     ``frames`` are the frames sent, ``states`` the records after each tick, ``instructions`` those

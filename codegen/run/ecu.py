@@ -5,7 +5,7 @@ from typing import Any, Protocol, runtime_checkable
 from codegen.run import memory_image
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.ecu_traffic import Frame, Payload, refused
-from codegen.run.machine import Machine, Record
+from codegen.run.machine import Machine, MachineRecord
 from firmware.calibration import Calibration
 
 
@@ -30,7 +30,7 @@ class Backend(Protocol):
         """The bytes of the state record, as C lays it out."""
 
 
-class Ecu:
+class EcuBackend:
     """The loop of a firmware on a machine.
 
     Attributes:
@@ -43,8 +43,8 @@ class Ecu:
 
     def __init__(self, machine: Machine, calibration: Calibration, firmware: BusFirmware) -> None:
         self.machine, self.firmware = machine, firmware
-        self.record: Record = machine.record(firmware.record())
-        self.calibration: Record = machine.record(calibration)
+        self.record: MachineRecord = machine.record(firmware.record())
+        self.calibration: MachineRecord = machine.record(calibration)
         self.running = self.calibration
         self._room = memory_image.event_of(firmware.record)["payload"].shape[0]
         self.restart()

@@ -34,7 +34,7 @@ RESERVED_CODES = (0x7FFF, 0x7FFE, 0xFFFF, 0xFFFE)
 
 
 @dataclass(frozen=True, slots=True)
-class Traffic:
+class EcuTraffic:
     """``frames`` in order of their ticks; ``elapsed`` of each tick, mostly 1."""
 
     frames: NDArray[np.void]
@@ -133,7 +133,7 @@ def random_traffic(
     hostile: float = 0.15,
     rough: float = 1.0,
     bus: BusMap | None = None,
-) -> Traffic:
+) -> EcuTraffic:
     """Traffic of all messages over ``ticks``; ``hostile`` is the share of faulty frames.
 
     With ``rough`` 0 no signal jumps or is reserved, no frame is lost and no tick missed. ``bus``
@@ -165,17 +165,17 @@ def random_traffic(
     elapsed = np.ones(ticks, np.int32)
     missed = rng.random(ticks) < 0.02 * rough
     elapsed[missed] = rng.integers(-1, 40, int(missed.sum()))
-    return Traffic(np.array(rows, event(room)), elapsed)
+    return EcuTraffic(np.array(rows, event(room)), elapsed)
 
 
 def disturbed(
-    traffic: Traffic,
+    traffic: EcuTraffic,
     seed: int,
     *,
     quiet: float = 120.0,
     episode: float = 8.0,
     bus: BusMap | None = None,
-) -> Traffic:
+) -> EcuTraffic:
     """Recorded traffic with hostile episodes: frames lost or corrupted, ticks missed.
 
     ``quiet`` and ``episode`` are the mean lengths in ticks of undisturbed and disturbed stretches;
@@ -197,10 +197,12 @@ def disturbed(
     elapsed = traffic.elapsed.copy()
     missed = hurt & (rng.random(traffic.ticks) < 0.05)
     elapsed[missed] = rng.integers(-1, 40, int(missed.sum()))
-    return Traffic(np.array(rows, traffic.frames.dtype), elapsed)
+    return EcuTraffic(np.array(rows, traffic.frames.dtype), elapsed)
 
 
-def storm(traffic: Traffic, seed: int, *, calm: float = 15.0, silence: float = 25.0) -> Traffic:
+def storm(
+    traffic: EcuTraffic, seed: int, *, calm: float = 15.0, silence: float = 25.0
+) -> EcuTraffic:
     """Recorded traffic in which whole ticks are silent and ticks are missed by the dozen.
 
     Silence and calm alternate, ``silence`` and ``calm`` ticks long on average: a tick's work is
@@ -212,10 +214,10 @@ def storm(traffic: Traffic, seed: int, *, calm: float = 15.0, silence: float = 2
     missed = rng.random(traffic.ticks) < 0.5
     elapsed[missed] = rng.integers(2, 40, int(missed.sum()))
     frames = traffic.frames[~lost[traffic.frames["tick"]]]
-    return Traffic(frames, elapsed)
+    return EcuTraffic(frames, elapsed)
 
 
-def flooded(traffic: Traffic, most: int, received: int) -> Traffic:
+def flooded(traffic: EcuTraffic, most: int, received: int) -> EcuTraffic:
     """Authenticated traffic to which forged frames are added, so that a tick has ``most``.
 
     ``received`` is the number of different frames that the ECU receives. Forged are those of
@@ -231,7 +233,7 @@ def flooded(traffic: Traffic, most: int, received: int) -> Traffic:
     newest = (COUNTER_MAX - 1).to_bytes(3, "big")
     forged["payload"][:, FRESHNESS_AT + 1 : MAC_AT] = np.frombuffer(newest, np.uint8)
     frames = np.concatenate([traffic.frames, forged])
-    return Traffic(frames[np.argsort(frames["tick"], kind="stable")], traffic.elapsed)
+    return EcuTraffic(frames[np.argsort(frames["tick"], kind="stable")], traffic.elapsed)
 
 
 def _episodes(

@@ -13,7 +13,7 @@ from codegen.run import memory_image
 from codegen.run.bus_firmware import BusFirmware
 
 
-class Record(Protocol):
+class MachineRecord(Protocol):
     """A record in the memory of a machine; its fields are read and written by name."""
 
     def __getitem__(self, field: str) -> Any:  # noqa: ANN401 - an integer, or an array of them
@@ -37,7 +37,7 @@ class Machine(Protocol):
     """What runs the functions of a firmware."""
 
     def record(self, value: Any) -> Any:  # noqa: ANN401
-        """Put a record of the firmware in the memory; return the :class:`Record` there."""
+        """Put a record of the firmware in the memory; return the :class:`MachineRecord` there."""
 
     def call(self, function: str, *arguments: Any) -> int:  # noqa: ANN401
         """Call a function of the firmware by its name.

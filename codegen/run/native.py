@@ -31,7 +31,7 @@ from canroll import build_cache
 from canroll.errors import CanrollError
 from codegen.c99.emit import record_name
 from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.ecu_traffic import Traffic, refused
+from codegen.run.ecu_traffic import EcuTraffic, refused
 from codegen.run.machine import c_name
 from codegen.run.memory_image import dtype, event_of, fill, image
 from firmware.calibration import Calibration
@@ -152,7 +152,7 @@ class Library:
         self,
         ecus: NDArray[np.void],
         calibrations: NDArray[np.void],
-        traffic: Sequence[Traffic],
+        traffic: Sequence[EcuTraffic],
         *,
         states: bool = False,
     ) -> Replay:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from canroll.errors import CanrollError
 from codegen.run import memory_image
 from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.cortex import BOARD, Run, built, cpu, gcc_image, sent
-from codegen.run.ecu_traffic import Traffic
+from codegen.run.cortex import BOARD, CortexRun, built, cpu, gcc_image, sent
+from codegen.run.ecu_traffic import EcuTraffic
 from codegen.run.secured import listening_ticks
 from dbc.keys import DEVELOPMENT_KEY
 from firmware.calibration import Calibration
@@ -40,14 +40,14 @@ class CycleCosts:
 
 def replay(
     calibration: Calibration,
-    traffic: Traffic,
+    traffic: EcuTraffic,
     name: str,
     files: Mapping[str, str] | None = None,
     *,
     firmware: BusFirmware | None = None,
     costs: CycleCosts | None = None,
     key: bytes = DEVELOPMENT_KEY,
-) -> Run:
+) -> CortexRun:
     """Replay ``traffic`` in QEMU, counting instructions with a plugin, and cycles by ``costs``.
 
     ``firmware`` is the firmware for a bus, by default the built-in one; ``files`` are the sources
@@ -98,7 +98,7 @@ def replay(
         authentication = added[:, 0]
     cycles = counts[:, 1] if costs is not None else None
     frames = sent(states, firmware)
-    return Run(name, "qemu", frames, states, counts[:, 0], depth, cycles, authentication)
+    return CortexRun(name, "qemu", frames, states, counts[:, 0], depth, cycles, authentication)
 
 
 def _secret(key: bytes, calibration: Calibration) -> bytes:
@@ -108,7 +108,7 @@ def _secret(key: bytes, calibration: Calibration) -> bytes:
 
 def _of_ticks(
     visits: NDArray[np.int64],
-    traffic: Traffic,
+    traffic: EcuTraffic,
     states: NDArray[np.void],
     firmware: BusFirmware,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -125,7 +125,7 @@ def _of_ticks(
     return whole, whole - visits[first + 1 + received]
 
 
-def replay_file(calibration: Calibration, traffic: Traffic, secret: bytes) -> bytes:
+def replay_file(calibration: Calibration, traffic: EcuTraffic, secret: bytes) -> bytes:
     """Input of the replay program: ticks, calibration, ``secret``, each tick's elapsed and frames.
 
     ``secret`` is what the authentication starts with, empty where there is none.

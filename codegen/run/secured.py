@@ -11,10 +11,10 @@ import numpy as np
 
 from codegen.run import memory_image
 from codegen.run.bus_firmware import BusFirmware
-from codegen.run.cortex import Run, sent
-from codegen.run.ecu import Ecu
-from codegen.run.ecu_traffic import Frame, Payload, Traffic
-from codegen.run.machine import Machine, Record
+from codegen.run.cortex import CortexRun, sent
+from codegen.run.ecu import EcuBackend
+from codegen.run.ecu_traffic import EcuTraffic, Frame, Payload
+from codegen.run.machine import Machine, MachineRecord
 from codegen.run.unicorn import CortexEcu
 from firmware.calibration import Calibration
 from firmware.security.secoc_state import RESET_MAX, SECURED
@@ -38,13 +38,13 @@ NEW = Lasting()
 """The memory of an ECU that was never started."""
 
 
-class Secoc:
+class SecocModule:
     """The firmware's module ``secoc`` with its record, on a machine."""
 
     def __init__(self, machine: Machine, firmware: BusFirmware) -> None:
         self._machine = machine
         secoc_state = firmware.module("security.secoc_state")
-        self.record: Record = self._machine.record(secoc_state.Secoc())
+        self.record: MachineRecord = self._machine.record(secoc_state.Secoc())
 
     def start(self, key: bytes, reset: int, listening: int) -> None:
         """Start with a key as the start number ``reset``."""
@@ -85,8 +85,10 @@ class SecuredEcu:
     ``accepted`` counts the frames that it took.
     """
 
-    def __init__(self, ecu: Ecu, *, key: bytes, tick_us: int, lasting: Lasting = NEW) -> None:
-        self._ecu, self._secoc, self._key = ecu, Secoc(ecu.machine, ecu.firmware), key
+    def __init__(
+        self, ecu: EcuBackend, *, key: bytes, tick_us: int, lasting: Lasting = NEW
+    ) -> None:
+        self._ecu, self._secoc, self._key = ecu, SecocModule(ecu.machine, ecu.firmware), key
         self._slot_of = {ident: slot for slot, (ident, _) in enumerate(ecu.firmware.sent)}
         self._listening = listening_ticks(tick_us)
         self._starts = 0
@@ -155,8 +157,8 @@ def listening_ticks(tick_us: int) -> int:
 
 
 def replay(
-    calibration: Calibration, traffic: Traffic, name: str, firmware: BusFirmware, *, key: bytes
-) -> Run:
+    calibration: Calibration, traffic: EcuTraffic, name: str, firmware: BusFirmware, *, key: bytes
+) -> CortexRun:
     """Replay authenticated ``traffic`` on an emulated processor, counting instructions and stack.
 
     A tick's instructions are those of the loop, and of the authentication of all frames received
@@ -165,7 +167,7 @@ def replay(
     kind = memory_image.dtype(firmware.record)
     ecu = CortexEcu(calibration, cpu=name, count=True, firmware=firmware)
     machine = ecu.machine
-    secoc = Secoc(machine, firmware)
+    secoc = SecocModule(machine, firmware)
     secoc.start(key, 1, listening_ticks(calibration.tick_us))
     slot_of = {ident: slot for slot, (ident, _) in enumerate(firmware.sent)}
     states = np.zeros(traffic.ticks, kind)
@@ -188,4 +190,6 @@ def replay(
             secoc.protect(slot_of[ident], payload)
             added[t] += machine.instructions
     frames = sent(states, firmware)
-    return Run(name, "unicorn", frames, states, counts + added, machine.stack, authentication=added)
+    return CortexRun(
+        name, "unicorn", frames, states, counts + added, machine.stack, authentication=added
+    )

@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 from canroll.errors import CanrollError
-from codegen.generated.bus_map import Uds, Xcp, frame_ident
+from codegen.generated.bus_map import UdsFrames, XcpFrames, frame_ident
 from codegen.run.backends import NativeEcu, PythonEcu, open_backend
 from codegen.run.bus_firmware import AUTHENTICATION, BusFirmware, built_in
-from codegen.run.ecu import Backend, Ecu
+from codegen.run.ecu import Backend, EcuBackend
 from codegen.run.ecu_traffic import Frame, Payload
-from codegen.run.machine import Record
+from codegen.run.machine import MachineRecord
 from codegen.run.secured import NEW, Lasting
 from dbc.keys import DEVELOPMENT_KEY
 from firmware.calibration import Calibration
@@ -22,7 +22,7 @@ STATE_ADDRESS = 0x2000_0000
 PAGE_ADDRESS = 0x0800_0000
 
 
-def xcp_idents(firmware: BusFirmware) -> Xcp:
+def xcp_idents(firmware: BusFirmware) -> XcpFrames:
     """Return the identifiers of XCP on a bus.
 
     Raises:
@@ -34,7 +34,7 @@ def xcp_idents(firmware: BusFirmware) -> Xcp:
     return xcp
 
 
-def uds_idents(firmware: BusFirmware) -> Uds:
+def uds_idents(firmware: BusFirmware) -> UdsFrames:
     """Return the identifiers of UDS on a bus.
 
     Raises:
@@ -61,7 +61,7 @@ def uds_frames(firmware: BusFirmware) -> tuple[int, int]:
 class Service(Protocol):
     """One service: the identifiers it hears and answers by, its frames in and out."""
 
-    record: Record
+    record: MachineRecord
     hears: int
     answers: int
 
@@ -78,12 +78,12 @@ class Service(Protocol):
 class Slave:
     """The XCP slave beside an ECU, which it may put on its working page."""
 
-    def __init__(self, ecu: Ecu) -> None:
+    def __init__(self, ecu: EcuBackend) -> None:
         self.hears, self.answers = xcp_frames(ecu.firmware)
         self._ecu, self._machine = ecu, ecu.machine
         xcp_state = ecu.firmware.module("services.xcp_state")
-        self.record: Record = self._machine.record(xcp_state.Xcp())
-        self.working: Record = self._machine.record(Calibration())
+        self.record: MachineRecord = self._machine.record(xcp_state.Xcp())
+        self.working: MachineRecord = self._machine.record(Calibration())
         pages = ecu.calibration, self.working
         self._machine.call("xcp.init", self.record, *pages, STATE_ADDRESS, PAGE_ADDRESS)
 
@@ -111,11 +111,11 @@ class Slave:
 class Server:
     """The diagnostic server beside an ECU."""
 
-    def __init__(self, ecu: Ecu) -> None:
+    def __init__(self, ecu: EcuBackend) -> None:
         self.hears, self.answers = uds_frames(ecu.firmware)
         self._ecu, self._machine = ecu, ecu.machine
         uds_state = ecu.firmware.module("services.uds_state")
-        self.record: Record = self._machine.record(uds_state.Uds())
+        self.record: MachineRecord = self._machine.record(uds_state.Uds())
         self._machine.call("uds.init", self.record, ecu.record)
 
     def receive(self, payload: bytes) -> None:
@@ -137,7 +137,7 @@ class Server:
 class ServedEcu:
     """A running ECU with the services of its firmware, behind the interface of all backends."""
 
-    def __init__(self, ecu: Ecu) -> None:
+    def __init__(self, ecu: EcuBackend) -> None:
         self.ecu = ecu
         self.services = self._started()
 

@@ -12,9 +12,9 @@ from elftools.elf.elffile import ELFFile
 from canroll.errors import optional
 from codegen.run import memory_image
 from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.cortex import CPUS, Run, sent, zig_image
-from codegen.run.ecu import Ecu
-from codegen.run.ecu_traffic import Traffic
+from codegen.run.cortex import CPUS, CortexRun, sent, zig_image
+from codegen.run.ecu import EcuBackend
+from codegen.run.ecu_traffic import EcuTraffic
 from codegen.run.machine import c_name
 from firmware.calibration import Calibration
 
@@ -149,7 +149,7 @@ class CortexMachine:
         return STACK - (len(painted) - len(painted.lstrip(PAINT)))
 
 
-class CortexEcu(Ecu):
+class CortexEcu(EcuBackend):
     """An ECU on an emulated Cortex-M."""
 
     machine: CortexMachine
@@ -171,8 +171,8 @@ class CortexEcu(Ecu):
 
 
 def replay(
-    calibration: Calibration, traffic: Traffic, name: str, firmware: BusFirmware | None = None
-) -> Run:
+    calibration: Calibration, traffic: EcuTraffic, name: str, firmware: BusFirmware | None = None
+) -> CortexRun:
     """Replay ``traffic`` on the emulator in this process, counting instructions and stack.
 
     ``firmware`` is the firmware for a bus, by default the built-in one.
@@ -189,4 +189,4 @@ def replay(
         counts[t] = ecu.machine.instructions
         states[t] = np.frombuffer(ecu.image(), kind, 1)[0]
         ecu.send()
-    return Run(name, "unicorn", sent(states, firmware), states, counts, ecu.machine.stack)
+    return CortexRun(name, "unicorn", sent(states, firmware), states, counts, ecu.machine.stack)

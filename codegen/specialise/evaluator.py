@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from textwrap import fill
 
 from codegen.specialise import fold
-from codegen.specialise.expressions import Copy, Expressions
+from codegen.specialise.expressions import Copy, ExpressionFolder
 from codegen.specialise.places import (
     CALIBRATION,
     RECORDS,
@@ -49,7 +49,7 @@ REFUSAL = "refused"
 
 
 @dataclass(slots=True)
-class Evaluator(Expressions):
+class Evaluator(ExpressionFolder):
     """Writes the copies of one program's functions, callees before their callers."""
 
     copies: dict[Key, Copy] = field(default_factory=dict)

@@ -31,7 +31,7 @@ class Copy:
     expression: ast.expr | None
 
 
-class Expressions(Places):
+class ExpressionFolder(Places):
     """Evaluates the expressions of functions as far as they are known."""
 
     @abstractmethod

@@ -14,7 +14,7 @@ from codegen.subset.program import (
     CONST_RECORD,
     Const,
     Constant,
-    Member,
+    FieldReference,
     Program,
     RecordField,
     Type,
@@ -139,7 +139,7 @@ class Places(ABC):
         match self.program.refs[node]:
             case Constant(module=module, name=name):
                 return ast.Attribute(ast.Name(f"{TABLE}{module}"), name)
-            case Member(record=record, field=field):
+            case FieldReference(record=record, field=field):
                 owner = CALIBRATION if record == CONST_RECORD else RECORDS[record]
                 return ast.Attribute(ast.Name(owner), field.name)
         return scope.values[ast.unparse(node)]

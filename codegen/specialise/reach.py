@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from codegen.operations.table import Operation
-from codegen.proof.abstract_state import State
+from codegen.proof.abstract_state import AbstractState
 from codegen.proof.interpreter import Interpreter
 from codegen.proof.prove import entry_points
 from codegen.specialise import fold
@@ -31,7 +31,9 @@ class Reached(Interpreter):
         super().__init__(program, proof=True)
         self.ways: dict[ast.expr, tuple[bool, bool]] = {}
 
-    def branch(self, test: ast.expr, state: State) -> tuple[State | None, State | None]:
+    def branch(
+        self, test: ast.expr, state: AbstractState
+    ) -> tuple[AbstractState | None, AbstractState | None]:
         """As of the interpreter."""
         yes, no = super().branch(test, state)
         ever_yes, ever_no = self.ways.get(test, (False, False))

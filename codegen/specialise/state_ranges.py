@@ -9,12 +9,12 @@ from collections.abc import Mapping
 
 from codegen.operations import intervals as iv
 from codegen.operations.intervals import KINDS, Value
-from codegen.proof.abstract_state import State
+from codegen.proof.abstract_state import AbstractState
 from codegen.proof.interpreter import Interpreter
 from codegen.proof.prove import entry_points
 from codegen.specialise import fold
 from codegen.specialise.places import STATE_RECORD
-from codegen.subset.program import Member, Program, Record
+from codegen.subset.program import FieldReference, Program, Record
 from codegen.subset.walk import walk
 
 
@@ -25,13 +25,13 @@ class Stores(Interpreter):
         super().__init__(program, proof=True)
         self.stored: dict[str, Value] = {}
 
-    def _store(self, node: ast.stmt, target: ast.expr, value: Value, state: State) -> None:
+    def _store(self, node: ast.stmt, target: ast.expr, value: Value, state: AbstractState) -> None:
         super()._store(node, target, value, state)
         ref = self.refs[target]
-        if isinstance(ref, Member):
+        if isinstance(ref, FieldReference):
             self.note(ref.record, ref.field.name, value)
 
-    def _clear(self, node: ast.Call, record: Record, state: State) -> Value:
+    def _clear(self, node: ast.Call, record: Record, state: AbstractState) -> Value:
         zero = super()._clear(node, record, state)
         for name in record.fields:
             self.note(record.name, name, zero)

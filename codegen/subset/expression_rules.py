@@ -7,9 +7,9 @@ from codegen.operations.table import OPERATORS, Access, Operation
 from codegen.subset.program import (
     CONST_RECORD,
     Constant,
+    FieldReference,
     Function,
     Local,
-    Member,
     Module,
     Parameter,
     Program,
@@ -124,7 +124,11 @@ class ExpressionRules:
                 raise self.refuse(node, f"{ast.unparse(node.value)} is not an array")
             return lacking - 1
         match self.program.refs.get(node):
-            case Constant(type=its) | Parameter(type=its) | Member(field=RecordField(type=its)):
+            case (
+                Constant(type=its)
+                | Parameter(type=its)
+                | FieldReference(field=RecordField(type=its))
+            ):
                 return len(its.shape)
             case Local(name=name) if name in self.function.parameters:
                 return 0
@@ -206,7 +210,7 @@ class ExpressionRules:
     def reads(self, node: ast.AST) -> bool:
         """Whether ``node`` reads a record or an array, itself or in the function that it calls."""
         match self.program.refs.get(node):
-            case Member():
+            case FieldReference():
                 return isinstance(node, ast.Attribute)
             case Function(parameters=parameters):
                 return isinstance(node, ast.Call) and not all(map(is_scalar, parameters.values()))

@@ -174,7 +174,7 @@ class Parameter:
 
 
 @dataclass(frozen=True, slots=True)
-class Member:
+class FieldReference:
     """A field of the record that the parameter ``owner`` is."""
 
     owner: str
@@ -182,7 +182,7 @@ class Member:
     field: RecordField
 
 
-Ref = Local | Parameter | Member | Constant | Function | Intrinsic
+Ref = Local | Parameter | FieldReference | Constant | Function | Intrinsic
 """What a name, field, element or call of a function body refers to."""
 
 

@@ -9,9 +9,9 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from codegen.operations.table import Access, Operation
 from codegen.subset.program import (
+    FieldReference,
     Function,
     Local,
-    Member,
     Parameter,
     Program,
     Ref,
@@ -62,7 +62,7 @@ def _ref(
         owner = names.get(node.value.id)
         if isinstance(owner, Parameter) and owner.type.kind == "record":
             field = program.record(owner.type.record).fields.get(node.attr)
-            return None if field is None else Member(owner.name, owner.type.record, field)
+            return None if field is None else FieldReference(owner.name, owner.type.record, field)
     return program.lookup(program.modules[function.module], node)
 
 
@@ -86,6 +86,6 @@ def stored(program: Program, nodes: Iterable[ast.AST]) -> Iterator[ast.expr]:
 def _owner(ref: Ref | None) -> str:
     """The parameter in which a reference lies, or ""."""
     match ref:
-        case Member(owner=name) | Parameter(name=name):
+        case FieldReference(owner=name) | Parameter(name=name):
             return name
     return ""

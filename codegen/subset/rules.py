@@ -14,8 +14,8 @@ from codegen.subset.expression_rules import ExpressionRules, words
 from codegen.subset.program import (
     CONST_RECORD,
     Constant,
+    FieldReference,
     Function,
-    Member,
     Program,
     assigned,
     evaluate,
@@ -126,7 +126,7 @@ class _Checker(ExpressionRules):
         target = self.program.refs[node]
         if isinstance(target, Constant):
             raise self.refuse(node, f"{target.name} is constant")
-        if isinstance(target, Member) and target.record == CONST_RECORD:
+        if isinstance(target, FieldReference) and target.record == CONST_RECORD:
             raise self.refuse(node, "the calibration is constant")
 
     def condition(self, node: ast.If) -> None:
@@ -167,7 +167,7 @@ class _Checker(ExpressionRules):
             if isinstance(node, ast.Name) and node.id in inside:
                 raise self.refuse(bound, f"the loop changes its bound {node.id}")
             ref = self.program.refs.get(node)
-            if isinstance(ref, Member) and ref.record != CONST_RECORD:
+            if isinstance(ref, FieldReference) and ref.record != CONST_RECORD:
                 rule = "a loop's bound must be a constant, a local or a calibration value"
                 raise self.refuse(bound, rule)
             if isinstance(node, ast.Call):

@@ -10,7 +10,7 @@ from capstone import CS_AC_WRITE, CsInsn, arm
 
 from codegen.operations.intervals import Value, add, bitwise, multiply, negate
 from codegen.worst_case.conditions import ZERO
-from codegen.worst_case.machine_state import I32, Flags, State, wrapped
+from codegen.worst_case.machine_state import I32, Flags, MachineState, wrapped
 
 NUMBER = {
     **{getattr(arm, f"ARM_REG_R{k}"): k for k in range(13)},
@@ -30,7 +30,7 @@ def any_value(size: int, signed: bool) -> Value:
     return Value(0, (1 << (8 * size)) - 1)
 
 
-def operand_value(state: State, insn: CsInsn, k: int) -> Value:
+def operand_value(state: MachineState, insn: CsInsn, k: int) -> Value:
     """The value of a register or immediate operand, after its shift."""
     operand = insn.operands[k]
     if operand.type == arm.ARM_OP_IMM:
@@ -72,7 +72,7 @@ SHIFTS: dict[int, Callable[[Value, int], Value]] = {
 SHIFT_NAMES = {"lsl": left, "asr": right, "lsr": logical_right}
 
 
-def compute(state: State, insn: CsInsn, name: str) -> None:
+def compute(state: MachineState, insn: CsInsn, name: str) -> None:
     """Execute an instruction that changes only registers and flags."""
     if name in ("cmp", "cmn", "tst"):
         _compare(state, insn, name)
@@ -102,7 +102,7 @@ def compute(state: State, insn: CsInsn, name: str) -> None:
             )
 
 
-def _compare(state: State, insn: CsInsn, name: str) -> None:
+def _compare(state: MachineState, insn: CsInsn, name: str) -> None:
     a, b = operand_value(state, insn, 0), operand_value(state, insn, 1)
     if name == "tst":
         state.flags = Flags(_and(a, b), ZERO, borrow=False)
@@ -141,7 +141,7 @@ Effect = tuple[Value, Flags | None]
 class Operands:
     """The operands of an instruction in a state; ``a`` and ``b`` are its two sources."""
 
-    state: State
+    state: MachineState
     insn: CsInsn
 
     def value(self, k: int) -> Value:
@@ -273,7 +273,7 @@ DOUBLE: dict[str, Callable[[Operands], Effect]] = {
 """Effects of instructions with two sources, or with one that is the target too."""
 
 
-def _result(state: State, insn: CsInsn, name: str) -> Effect:
+def _result(state: MachineState, insn: CsInsn, name: str) -> Effect:
     """The effect of an instruction; nothing is known of one that is not modelled."""
     operands = Operands(state, insn)
     if name in SINGLE:

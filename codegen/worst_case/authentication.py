@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from codegen.operations.intervals import Value
 from codegen.worst_case.longest_path import Bound, LongestPath
-from codegen.worst_case.machine_state import I32, State
+from codegen.worst_case.machine_state import I32, MachineState
 
 FRAME = 0x2000_8000
 """Where a frame is; any place apart from the records and the stack does."""
@@ -69,7 +69,7 @@ def authentication_bound(
     """
 
     def of(name: str, *arguments: Value) -> Bound:
-        start = State.start(stack)
+        start = MachineState.start(stack)
         for register, value in enumerate((Value(record, record), *arguments)):
             start.set(register, value)
         return analysis.bound(f"canroll_secoc_{name}", start)

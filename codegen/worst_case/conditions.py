@@ -6,7 +6,7 @@ from capstone import arm
 
 from codegen.operations.intervals import Value, add, negate
 from codegen.operations.relations import narrow
-from codegen.worst_case.machine_state import I32, Flags, State
+from codegen.worst_case.machine_state import I32, Flags, MachineState
 
 EQ, NE, HS, LO, MI, PL = (
     arm.ARM_CC_EQ,
@@ -39,7 +39,7 @@ RELATIONS: dict[int, type[ast.cmpop]] = {
 ZERO = Value(0, 0)
 
 
-def where(state: State, condition: int) -> State | None:
+def where(state: MachineState, condition: int) -> MachineState | None:
     """Return ``state`` restricted to ``condition``; None if it cannot hold.
 
     The state is restricted in place: pass a copy if the other branch is still to be followed.
@@ -56,7 +56,7 @@ def where(state: State, condition: int) -> State | None:
     return state
 
 
-def _signed(state: State, flags: Flags, condition: int) -> State | None:
+def _signed(state: MachineState, flags: Flags, condition: int) -> MachineState | None:
     a, b = flags.a, flags.b
     if narrow(RELATIONS[condition], a, b) is None:
         return None
@@ -71,7 +71,7 @@ def _signed(state: State, flags: Flags, condition: int) -> State | None:
     return state
 
 
-def _restrict(state: State, register: int, a: Value, b: Value, condition: int) -> bool:
+def _restrict(state: MachineState, register: int, a: Value, b: Value, condition: int) -> bool:
     """Restrict the register that holds a to ``a condition b``; return False if that is empty."""
     if register < 0:
         return True
@@ -79,7 +79,7 @@ def _restrict(state: State, register: int, a: Value, b: Value, condition: int) -
     return limits is not None and state.narrow(register, limits.lo, limits.hi)
 
 
-def _sign(state: State, flags: Flags, condition: int) -> State | None:
+def _sign(state: MachineState, flags: Flags, condition: int) -> MachineState | None:
     """N is the sign of a - b in 32 bits."""
     difference = add(flags.a, negate(flags.b))
     if difference.lo < I32.lo or difference.hi > I32.hi:
@@ -88,7 +88,7 @@ def _sign(state: State, flags: Flags, condition: int) -> State | None:
     return _signed(state, flags, LT if condition == MI else GE)
 
 
-def _unsigned(state: State, flags: Flags, condition: int) -> State | None:
+def _unsigned(state: MachineState, flags: Flags, condition: int) -> MachineState | None:
     a, b = _as_unsigned(flags.a), _as_unsigned(flags.b)
     signed = {HS: GE, LO: LT, HI: GT, LS: LE}[condition]
     if narrow(RELATIONS[signed], a, b) is None:

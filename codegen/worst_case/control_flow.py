@@ -6,7 +6,7 @@ from functools import cached_property
 from graphlib import TopologicalSorter
 
 from canroll.errors import CanrollError
-from codegen.worst_case.machine_code import Function
+from codegen.worst_case.machine_code import MachineFunction
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class Region:
     blocks: frozenset[int]
 
 
-def regions(function: Function) -> Region:
+def regions(function: MachineFunction) -> Region:
     """Return the body of ``function`` as nested regions.
 
     Raises:
@@ -36,7 +36,7 @@ def regions(function: Function) -> Region:
 class Nesting:
     """The natural loops of a function, from the dominators of its blocks."""
 
-    def __init__(self, function: Function) -> None:
+    def __init__(self, function: MachineFunction) -> None:
         self.function = function
         self.next: Mapping[int, tuple[int, ...]] = {
             start: block.next for start, block in function.blocks.items()

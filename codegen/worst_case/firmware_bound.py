@@ -11,13 +11,13 @@ from pathlib import Path
 from codegen.operations.intervals import Value
 from codegen.run import cortex, memory_image, qemu
 from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.ecu_traffic import Traffic, disturbed, flooded, storm
+from codegen.run.ecu_traffic import EcuTraffic, disturbed, flooded, storm
 from codegen.run.qemu import CycleCosts
 from codegen.worst_case.authentication import Authentication, authentication_bound
 from codegen.worst_case.cycles import Timing
 from codegen.worst_case.longest_path import Bound, LongestPath
-from codegen.worst_case.machine_code import Image, Section
-from codegen.worst_case.machine_state import Area, Promises, State
+from codegen.worst_case.machine_code import MachineImage, Section
+from codegen.worst_case.machine_state import Area, MachineState, Promises
 from codegen.worst_case.transfer import Transfer
 from firmware.calibration import Calibration
 from firmware.subset import fields
@@ -75,7 +75,7 @@ def firmware_bound(
         CanrollError: the code cannot be bounded.
     """
     firmware = firmware or built_in()
-    image = Image(cortex.gcc_image(timing.cpu, firmware.files))
+    image = MachineImage(cortex.gcc_image(timing.cpu, firmware.files))
     ecu, constants = image.address("ecu"), image.address("calibration")
     image.constant.append(Section(constants, memory_image.image(calibration)))
     records = {ecu: firmware.record}
@@ -85,7 +85,7 @@ def firmware_bound(
     ends = [at + memory_image.dtype(record).itemsize for at, record in records.items()]
     transfer = Transfer(image, Promises(areas), (min(records), max(ends)))
     analysis = LongestPath(image, transfer, timing)
-    start = State.start(STACK)
+    start = MachineState.start(STACK)
     start.set(0, Value(ecu, ecu))
     start.set(1, Value(constants, constants))
     marks = _marks(firmware, ecu)
@@ -126,7 +126,7 @@ class Observed:
 
 def observe(
     calibration: Calibration,
-    traffic: Traffic,
+    traffic: EcuTraffic,
     timing: Timing,
     ticks: int,
     *,
@@ -167,7 +167,7 @@ def cycle_costs(path: Path, timing: Timing) -> CycleCosts:
 
     The replay program's own instructions cost nothing: the figures are those of what it calls.
     """
-    image = Image(path)
+    image = MachineImage(path)
     cycles, branches = {}, set()
     for address, name in list(image.functions.items()):
         if name == "main" or name.startswith("replay_"):

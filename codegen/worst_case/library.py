@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, milp
 
 from canroll.errors import CanrollError
-from codegen.worst_case.machine_code import Block, Function, conditional
+from codegen.worst_case.machine_code import Block, MachineFunction, conditional
 
 ROUNDS = {
     "__aeabi_idiv": 5,
@@ -27,7 +27,7 @@ round, and count rounds by at most 24 ones in a shifted word; the 64-bit ones fi
 
 
 def longest_way(
-    function: Function,
+    function: MachineFunction,
     rounds: int,
     costs: Mapping[int, int],
     refill: int,

@@ -19,8 +19,8 @@ from codegen.worst_case.arithmetic import NUMBER
 from codegen.worst_case.conditions import EQ, NE, OPPOSITE, ZERO, where
 from codegen.worst_case.control_flow import Region, regions
 from codegen.worst_case.cycles import Timing
-from codegen.worst_case.machine_code import Block, Function, Image, conditional
-from codegen.worst_case.machine_state import I32, LR, SP, Flags, State, joined
+from codegen.worst_case.machine_code import Block, MachineFunction, MachineImage, conditional
+from codegen.worst_case.machine_state import I32, LR, SP, Flags, MachineState, joined
 from codegen.worst_case.transfer import Transfer
 
 ROUNDS_MAX = 1024
@@ -62,14 +62,14 @@ class Bound:
     cycles: int
     stack: int
     shares: dict[str, int]
-    after: State
+    after: MachineState
 
 
 @dataclass(slots=True)
 class Arrival:
     """The state at an address, and the longest path to it."""
 
-    state: State
+    state: MachineState
     way: Way
 
     def joined(self, other: "Arrival | None") -> "Arrival":
@@ -89,7 +89,7 @@ class LongestPath:
         timing: cycles of instructions.
     """
 
-    def __init__(self, image: Image, transfer: Transfer, timing: Timing) -> None:
+    def __init__(self, image: MachineImage, transfer: Transfer, timing: Timing) -> None:
         self.image, self.transfer, self.timing = image, transfer, timing
         self._regions: dict[int, Region] = {}
         self._lowest = 0
@@ -100,7 +100,7 @@ class LongestPath:
             and _has_loops(image.function(address))
         }
 
-    def bound(self, name: str, state: State) -> Bound:
+    def bound(self, name: str, state: MachineState) -> Bound:
         """Return the bound of a call of ``name`` in ``state``.
 
         Raises:
@@ -129,7 +129,9 @@ class LongestPath:
             raise CanrollError(f"{function.name} never returns")
         return visit.returned
 
-    def _summary(self, function: Function, rounds: int, arrival: Arrival, depth: int) -> Arrival:
+    def _summary(
+        self, function: MachineFunction, rounds: int, arrival: Arrival, depth: int
+    ) -> Arrival:
         """A call of a compiler library routine; its registers are unknown afterwards."""
         state = arrival.state.copy()
         saved = sum(_stacked(insn) for b in function.blocks.values() for insn in b.instructions)
@@ -139,7 +141,7 @@ class LongestPath:
         for start, block in function.blocks.items():
             costs[start] = sum(self.timing.cost(insn) for insn in block.instructions)
             if block.calls is not None:
-                inside = Arrival(State.start(bottom), Way(0))
+                inside = Arrival(MachineState.start(bottom), Way(0))
                 costs[start] += self._call(block.calls, inside, depth + 1).way.cycles
         cycles = library.longest_way(function, rounds, costs, self.timing.refill)
         for register in (0, 1, 2, 3, 12, 14):
@@ -147,7 +149,7 @@ class LongestPath:
         state.flags = None
         return Arrival(state, arrival.way.on(function.name, cycles))
 
-    def saw_stack(self, state: State) -> None:
+    def saw_stack(self, state: MachineState) -> None:
         """Record the depth of the stack."""
         pointer = state.registers[SP]
         if pointer.lo != pointer.hi:
@@ -164,7 +166,7 @@ def _stacked(insn: CsInsn) -> int:
     return 0
 
 
-def _has_loops(function: Function) -> bool:
+def _has_loops(function: MachineFunction) -> bool:
     """Whether the function has a backward edge."""
     try:
         body = regions(function)
@@ -176,7 +178,7 @@ def _has_loops(function: Function) -> bool:
 class _Visit:
     """One call of a function: its blocks in order, loops unrolled."""
 
-    def __init__(self, analysis: LongestPath, function: Function, depth: int) -> None:
+    def __init__(self, analysis: LongestPath, function: MachineFunction, depth: int) -> None:
         self.analysis, self.function, self.depth = analysis, function, depth
         self.returned: Arrival | None = None
 

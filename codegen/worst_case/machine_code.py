@@ -28,7 +28,7 @@ class Section:
     data: bytes
 
 
-class Image:
+class MachineImage:
     """A linked ELF image: its symbols, its constant bytes, its instructions.
 
     Raises:
@@ -65,7 +65,7 @@ class Image:
         )
         self._decoder.detail = True
         self._decoded: dict[int, capstone.CsInsn] = {}
-        self._graphs: dict[int, Function] = {}
+        self._graphs: dict[int, MachineFunction] = {}
 
     def address(self, name: str) -> int:
         """The address of a function or object."""
@@ -101,10 +101,10 @@ class Image:
         """End of the literal data at ``address``, from the linker's mapping symbols."""
         return min((start for start in self._code_starts if start > address), default=address)
 
-    def function(self, address: int) -> "Function":
+    def function(self, address: int) -> "MachineFunction":
         """The function that starts at ``address``, as basic blocks."""
         if address not in self._graphs:
-            self._graphs[address] = Function(self, address)
+            self._graphs[address] = MachineFunction(self, address)
         return self._graphs[address]
 
 
@@ -135,10 +135,10 @@ class Block:
         return int(self.last.address + self.last.size)
 
 
-class Function:
+class MachineFunction:
     """The control-flow graph of one function, found by following its branches."""
 
-    def __init__(self, image: Image, entry: int) -> None:
+    def __init__(self, image: MachineImage, entry: int) -> None:
         self.image, self.entry = image, entry
         self.name = image.functions.get(entry, hex(entry))
         self.blocks: Mapping[int, Block] = self._build()

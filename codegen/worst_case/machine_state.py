@@ -74,7 +74,7 @@ class Flags:
 
 
 @dataclass(slots=True)
-class State:
+class MachineState:
     """Registers, flags and memory; ``origin`` is the cell that a register was loaded from."""
 
     registers: list[Value]
@@ -83,15 +83,15 @@ class State:
     origin: dict[int, int]
 
     @staticmethod
-    def start(stack: int) -> "State":
+    def start(stack: int) -> "MachineState":
         """A state in which only the stack pointer is known."""
-        state = State([I32] * N_REGISTERS, None, {}, {})
+        state = MachineState([I32] * N_REGISTERS, None, {}, {})
         state.registers[SP] = Value(stack, stack)
         return state
 
-    def copy(self) -> "State":
+    def copy(self) -> "MachineState":
         """An independent copy."""
-        return State(list(self.registers), self.flags, dict(self.memory), dict(self.origin))
+        return MachineState(list(self.registers), self.flags, dict(self.memory), dict(self.origin))
 
     def set(self, register: int, value: Value) -> None:
         """Write a register and drop its link with the flags."""
@@ -145,7 +145,7 @@ class State:
             del self.origin[register]
 
 
-def joined(a: State | None, b: State) -> State:
+def joined(a: MachineState | None, b: MachineState) -> MachineState:
     """The smallest state that contains both."""
     if a is None:
         return b
@@ -156,4 +156,4 @@ def joined(a: State | None, b: State) -> State:
         if other is not None and other[0] == size:
             memory[cell] = (size, value if value == other[1] else hull(value, other[1]))
     origin = {r: cell for r, cell in a.origin.items() if b.origin.get(r) == cell and cell in memory}
-    return State(registers, a.flags if a.flags == b.flags else None, memory, origin)
+    return MachineState(registers, a.flags if a.flags == b.flags else None, memory, origin)

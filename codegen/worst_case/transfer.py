@@ -9,13 +9,13 @@ from canroll.errors import CanrollError
 from codegen.operations.intervals import Value, add, hull, multiply, negate
 from codegen.worst_case.arithmetic import NUMBER, any_value, compute
 from codegen.worst_case.conditions import OPPOSITE, where
-from codegen.worst_case.machine_code import Image, conditional
+from codegen.worst_case.machine_code import MachineImage, conditional
 from codegen.worst_case.machine_state import (
     I32,
     PC,
     SP,
+    MachineState,
     Promises,
-    State,
     joined,
     wrapped,
 )
@@ -42,11 +42,11 @@ class Transfer:
             memory but the stack below the lowest local variable whose address was taken.
     """
 
-    def __init__(self, image: Image, promises: Promises, writable: tuple[int, int]) -> None:
+    def __init__(self, image: MachineImage, promises: Promises, writable: tuple[int, int]) -> None:
         self.image, self.promises, self.writable = image, promises, writable
         self._taken: int | None = None
 
-    def run(self, state: State, insn: CsInsn) -> None:
+    def run(self, state: MachineState, insn: CsInsn) -> None:
         """Apply an instruction to ``state``; a branch has no effect here."""
         if conditional(insn) and insn.id not in (arm.ARM_INS_B, arm.ARM_INS_BX):
             skipped = where(state.copy(), OPPOSITE.get(insn.cc, 0))
@@ -62,7 +62,7 @@ class Transfer:
             return
         self._run(state, insn)
 
-    def _run(self, state: State, insn: CsInsn) -> None:
+    def _run(self, state: MachineState, insn: CsInsn) -> None:
         # capstone writes a condition and a width into the mnemonic
         name = insn.insn_name()
         if name in LOADS:
@@ -81,7 +81,7 @@ class Transfer:
             self._note_address(state, insn)
             compute(state, insn, name)
 
-    def _note_address(self, state: State, insn: CsInsn) -> None:
+    def _note_address(self, state: MachineState, insn: CsInsn) -> None:
         """Note that the address of a local variable is copied to another register."""
         reads_stack_pointer = any(
             o.type == arm.ARM_OP_REG and o.reg == arm.ARM_REG_SP for o in insn.operands[1:]
@@ -90,7 +90,7 @@ class Transfer:
             low = state.registers[SP].lo
             self._taken = low if self._taken is None else min(low, self._taken)
 
-    def _address(self, state: State, insn: CsInsn) -> tuple[Value, Value | None]:
+    def _address(self, state: MachineState, insn: CsInsn) -> tuple[Value, Value | None]:
         """The address accessed, and the new value of the base register."""
         operand = next(o for o in insn.operands if o.type == arm.ARM_OP_MEM)
         base = operand.mem.base
@@ -121,7 +121,7 @@ class Transfer:
         address = wrapped(address)
         return address, address if insn.writeback else None
 
-    def _load(self, state: State, insn: CsInsn, size: int, signed: bool) -> None:
+    def _load(self, state: MachineState, insn: CsInsn, size: int, signed: bool) -> None:
         target = NUMBER[insn.operands[0].reg]
         operand = next(o for o in insn.operands if o.type == arm.ARM_OP_MEM)
         address, moved = self._address(state, insn)
@@ -129,7 +129,9 @@ class Transfer:
             state.set(NUMBER[operand.mem.base], moved)
         self.read(state, target, address, size, signed)
 
-    def read(self, state: State, target: int, address: Value, size: int, signed: bool) -> None:
+    def read(
+        self, state: MachineState, target: int, address: Value, size: int, signed: bool
+    ) -> None:
         """Load a cell into a register, or the hull of all cells in a short address interval."""
         if target == PC:
             return
@@ -153,11 +155,13 @@ class Transfer:
                 value = any_value(size, signed)
         state.set(target, value)
 
-    def cell(self, state: State, address: int, size: int) -> Value:
+    def cell(self, state: MachineState, address: int, size: int) -> Value:
         """The value of the cell of ``size`` bytes at ``address``, unsigned below a word."""
         return self._cell(state, address, size, signed=False)[0]
 
-    def _cell(self, state: State, address: int, size: int, signed: bool) -> tuple[Value, bool]:
+    def _cell(
+        self, state: MachineState, address: int, size: int, signed: bool
+    ) -> tuple[Value, bool]:
         """A cell's value, and whether it is a writable cell read with the size it was written."""
         data = self.image.bytes_at(address, size)
         if data is not None:
@@ -174,7 +178,7 @@ class Transfer:
             return full, False
         return value, True
 
-    def _store(self, state: State, insn: CsInsn, size: int) -> None:
+    def _store(self, state: MachineState, insn: CsInsn, size: int) -> None:
         operand = next(o for o in insn.operands if o.type == arm.ARM_OP_MEM)
         value = state.registers[NUMBER[insn.operands[0].reg]]
         address, moved = self._address(state, insn)
@@ -182,7 +186,7 @@ class Transfer:
         if moved is not None:
             state.set(NUMBER[operand.mem.base], moved)
 
-    def write(self, state: State, address: Value, size: int, value: Value) -> None:
+    def write(self, state: MachineState, address: Value, size: int, value: Value) -> None:
         """Store into a cell, or into any cell in an interval of addresses."""
         if address.lo == address.hi:
             low = any_value(size, signed=False)
@@ -203,7 +207,7 @@ class Transfer:
             if self._taken is not None:
                 state.forget(self._taken, STACK_TOP)
 
-    def _double(self, state: State, insn: CsInsn, *, load: bool) -> None:
+    def _double(self, state: MachineState, insn: CsInsn, *, load: bool) -> None:
         first, second = (NUMBER[o.reg] for o in insn.operands[:2])
         operand = next(o for o in insn.operands if o.type == arm.ARM_OP_MEM)
         address, moved = self._address(state, insn)
@@ -217,7 +221,7 @@ class Transfer:
         if moved is not None:
             state.set(NUMBER[operand.mem.base], moved)
 
-    def _several(self, state: State, insn: CsInsn, name: str) -> None:
+    def _several(self, state: MachineState, insn: CsInsn, name: str) -> None:
         load = name in ("pop", "ldm", "ldmdb")
         if name in ("push", "pop"):
             base, listed, back = SP, list(insn.operands), True

@@ -3,7 +3,7 @@
 import numpy as np
 
 from canroll.identification import replay
-from canroll.identification.drive_log import QUANTITIES, Channel, Choice, Log
+from canroll.identification.drive_log import QUANTITIES, Channel, Log, SignalChoice
 from canroll.identification.pieces import SAMPLE, Piece
 from canroll.typing import Vector
 from vehicles import Vehicle
@@ -16,7 +16,9 @@ def log_of(columns: dict[str, Vector], name: str = "drive.csv") -> Log:
     assert columns.keys() <= QUANTITIES.keys()
     count = len(columns["steering"])
     time = time_of(SAMPLE * count)
-    return Log(name, {key: Channel(Choice(key), time, values) for key, values in columns.items()})
+    return Log(
+        name, {key: Channel(SignalChoice(key), time, values) for key, values in columns.items()}
+    )
 
 
 def driven(vehicle: Vehicle, steering: Vector, speed: "float | Vector") -> dict[str, Vector]:

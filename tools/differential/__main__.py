@@ -24,7 +24,7 @@ from codegen.run import cortex as cortex_build
 from codegen.run import ecu_traffic, memory_image, native, qemu
 from codegen.run.backends import PythonEcu
 from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.ecu_traffic import Traffic
+from codegen.run.ecu_traffic import EcuTraffic
 from codegen.run.native import Replay
 from codegen.specialise.firmware import specialised
 from firmware.calibration import Calibration
@@ -43,7 +43,7 @@ class Task:
 
     name: str
     calibration: Calibration
-    traffic: Traffic
+    traffic: EcuTraffic
     cpu: str | None
     specialise: bool = False
 
@@ -60,7 +60,7 @@ class Outcome:
 
 
 def reference(
-    calibration: Calibration, traffic: Traffic, firmware: BusFirmware | None = None
+    calibration: Calibration, traffic: EcuTraffic, firmware: BusFirmware | None = None
 ) -> Replay:
     """Results of the native library, of another firmware than the general one where given."""
     cals = np.frombuffer(memory_image.image(calibration), memory_image.dtype(Calibration), 1).copy()
@@ -68,7 +68,7 @@ def reference(
     return library.replay(library.start(cals), cals, [traffic], states=True)
 
 
-def python_states(calibration: Calibration, traffic: Traffic) -> list[bytes]:
+def python_states(calibration: Calibration, traffic: EcuTraffic) -> list[bytes]:
     """The state after each tick in CPython."""
     ecu = PythonEcu(calibration)
     bounds = np.searchsorted(traffic.frames["tick"], np.arange(traffic.ticks + 1))

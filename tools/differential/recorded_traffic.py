@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from canroll.runs.experiment import build_world, plan
 from canroll.runs.virtual_time import closed_loop
 from codegen.run.backends import Recorder, open_backend
-from codegen.run.ecu_traffic import Traffic
+from codegen.run.ecu_traffic import EcuTraffic
 from firmware.calibration import Calibration
 
 DURATION = 10.0
@@ -57,7 +57,7 @@ class Recording:
 
     case: Case
     calibration: Calibration
-    traffic: Traffic
+    traffic: EcuTraffic
 
 
 def record(case: Case, duration: float = DURATION) -> Recording:

@@ -17,7 +17,7 @@ import numpy as np
 from canroll.cases.engine import LOCAL, engine, results
 from canroll.errors import CanrollError
 from canroll.identification import drive_log, replay, unknowns
-from canroll.identification.fit import Fit, Settings, fit
+from canroll.identification.fit import Fit, FitSettings, fit
 from canroll.identification.pieces import SAMPLE, Piece
 from canroll.identification.unknowns import STEERING_OFFSET, delay_key, offset_key
 from canroll.typing import Vector
@@ -129,7 +129,7 @@ class Row:
     state: str
 
 
-def fitted(case: Truth, settings: Settings) -> Fit:
+def fitted(case: Truth, settings: FitSettings) -> Fit:
     """Fit the log of a truth."""
     with TemporaryDirectory() as folder:
         path = Path(folder, "drive.csv")
@@ -140,7 +140,7 @@ def fitted(case: Truth, settings: Settings) -> Fit:
 def rows(seed: int) -> list[Row]:
     """Fit one log and compare with its truth."""
     case = truth(seed)
-    result = fitted(case, Settings(starts=1))
+    result = fitted(case, FitSettings(starts=1))
     felt = np.array([number.state != "kept" for number in result.numbers])
     least = result.information.least(felt)
     return [

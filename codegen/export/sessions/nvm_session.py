@@ -3,8 +3,8 @@
 from codegen.export.sessions.session import Session
 from codegen.run import memory_image, native
 from codegen.run.bus_firmware import BusFirmware
-from codegen.run.ecu import Ecu
-from codegen.run.ecu_traffic import Traffic
+from codegen.run.ecu import EcuBackend
+from codegen.run.ecu_traffic import EcuTraffic
 from codegen.run.services import Server
 from firmware.calibration import Calibration
 from firmware.services import nvm_state
@@ -39,11 +39,11 @@ def note(firmware: BusFirmware) -> str:
     )
 
 
-def source(firmware: BusFirmware, record: Calibration, traffic: Traffic) -> str:
+def source(firmware: BusFirmware, record: Calibration, traffic: EcuTraffic) -> str:
     """The session in C: a record saved after the traffic, damaged, and restored."""
     session = Session(native.NativeMachine(firmware), firmware)
     session.begin("NVM")
-    ecu = Ecu(session, record, firmware)
+    ecu = EcuBackend(session, record, firmware)
     served = "nvm_uds" in firmware.services
     server = Server(ecu) if served else None
     state, cal = session.records["ecu"], session.records["calibration"]

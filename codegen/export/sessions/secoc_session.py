@@ -3,7 +3,7 @@
 from codegen.export.sessions.session import Session
 from codegen.run import native
 from codegen.run.bus_firmware import BusFirmware
-from codegen.run.secured import LISTENING_US, Secoc
+from codegen.run.secured import LISTENING_US, SecocModule
 from dbc.keys import DEVELOPMENT_KEY
 from firmware.calibration import Calibration
 from firmware.security.secoc_state import PAYLOAD, SECURED
@@ -111,7 +111,7 @@ def session(firmware: BusFirmware) -> Session:
     """A session by the reference: frames protected, and frames of another node judged."""
     session = Session(native.NativeMachine(firmware), firmware)
     session.begin("SecOC")
-    node = Secoc(session, firmware)
+    node = SecocModule(session, firmware)
     node.start(TEST_KEY, 7, LISTENING)
     for step in range(SENT):
         plain = bytes((11 * step + k) & 255 for k in range(PAYLOAD))

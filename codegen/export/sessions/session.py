@@ -19,7 +19,7 @@ from codegen.c99.emit import record_name
 from codegen.c99.text import filled
 from codegen.run import memory_image
 from codegen.run.bus_firmware import BusFirmware
-from codegen.run.machine import Machine, Record, c_name
+from codegen.run.machine import Machine, MachineRecord, c_name
 from firmware.calibration import Calibration
 from firmware.subset import fields
 
@@ -31,7 +31,7 @@ REST = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Operation:
+class SessionOperation:
     """One kind of step.
 
     Attributes:
@@ -54,7 +54,7 @@ class Operation:
 class Step:
     """An operation with its numbers, its bytes, and the bytes that are expected."""
 
-    operation: Operation
+    operation: SessionOperation
     numbers: tuple[int, ...] = ()
     array: bytes = b""
     expected: bytes = b""
@@ -71,7 +71,7 @@ class Part:
 class SessionRecord:
     """A record of a session: on the reference's machine, and a variable in C."""
 
-    def __init__(self, name: str, value: Any, record: Record, session: "Session") -> None:  # noqa: ANN401
+    def __init__(self, name: str, value: Any, record: MachineRecord, session: "Session") -> None:  # noqa: ANN401
         self.name, self.kind, self.record = name, value.__class__, record
         self._session = session
 
@@ -84,7 +84,9 @@ class SessionRecord:
         assert not any(value if isinstance(value, list) else [value])
         self.record[field] = value
         place = f"{self.name}.{field}"
-        self._session.step(Operation(f"clear {place}", f"memset(&{place}, 0, sizeof {place});"))
+        self._session.step(
+            SessionOperation(f"clear {place}", f"memset(&{place}, 0, sizeof {place});")
+        )
 
     def image(self) -> bytes:
         """The bytes of the record."""
@@ -94,8 +96,10 @@ class SessionRecord:
         """Set the record from its bytes."""
         self.record.fill(data)
         c = f"session_fill(&{self.name}, {self.name}_ends, array, sizeof {self.name});"
-        clear = Operation(f"clear {self.name}", f"memset(&{self.name}, 0, sizeof {self.name});")
-        given = Operation(f"fill {self.name}", c, array=len(data))
+        clear = SessionOperation(
+            f"clear {self.name}", f"memset(&{self.name}, 0, sizeof {self.name});"
+        )
+        given = SessionOperation(f"fill {self.name}", c, array=len(data))
         self._session.step(*((given, (), data) if any(data) else (clear,)))
 
     def flip(self, at: int, bit: int = 0) -> None:
@@ -104,7 +108,7 @@ class SessionRecord:
         data[at] ^= 1 << bit
         self.record.fill(bytes(data))
         c = f"session_flip(&{self.name}, {self.name}_ends, n[0], n[1]);"
-        self._session.step(Operation(f"flip {self.name}", c, numbers=2), (at, 1 << bit))
+        self._session.step(SessionOperation(f"flip {self.name}", c, numbers=2), (at, 1 << bit))
 
     @property
     def value(self) -> Any:  # noqa: ANN401
@@ -138,7 +142,7 @@ class Session:
 
     def step(
         self,
-        operation: Operation,
+        operation: SessionOperation,
         numbers: Sequence[int] = (),
         array: bytes = b"",
         expected: bytes = b"",
@@ -177,7 +181,7 @@ class Session:
             if isinstance(each, bytearray):
                 c, expected = f"session_copy(actual, array, {len(each)}u); {c}", bytes(each)
         sizes = len(numbers), len(array), len(expected)
-        self.step(Operation(function, c, *sizes), numbers, array, expected)
+        self.step(SessionOperation(function, c, *sizes), numbers, array, expected)
         return result
 
     def read(
@@ -201,13 +205,13 @@ class Session:
         if hasattr(value, "__len__"):
             place += f"[{part.start or 0}]"
         c = f"{'session_memory' if memory else 'session_copy'}(actual, &{place}, {len(taken)}u);"
-        operation = Operation(f"{record.name}.{name}", c, len(indices), expected=len(taken))
+        operation = SessionOperation(f"{record.name}.{name}", c, len(indices), expected=len(taken))
         self.step(operation, indices, expected=taken)
 
     def digest(self, record: SessionRecord) -> None:
         """Compare a whole record."""
         c = f"session_digest(actual, &{record.name}, {record.name}_ends, sizeof {record.name});"
-        operation = Operation(f"state of {record.name}", c, expected=WORD)
+        operation = SessionOperation(f"state of {record.name}", c, expected=WORD)
         self.step(operation, expected=zlib.crc32(record.image()).to_bytes(WORD, "little"))
 
     def tick(
@@ -314,9 +318,9 @@ def _encoded(name: str, step: Step) -> Iterator[str]:
         yield from map(BYTES.__getitem__, data)
 
 
-def _identifiers(operations: Sequence[Operation]) -> dict[Operation, str]:
+def _identifiers(operations: Sequence[SessionOperation]) -> dict[SessionOperation, str]:
     """A name in C for each operation."""
-    names: dict[Operation, str] = {}
+    names: dict[SessionOperation, str] = {}
     for operation in operations:
         name = re.sub(r"\W+", "_", operation.name).upper()
         known = sum(re.sub(r"\W+", "_", each.name).upper() == name for each in names)

@@ -3,7 +3,7 @@
 from codegen.export.sessions.session import REST, Session
 from codegen.run import native
 from codegen.run.bus_firmware import BusFirmware
-from codegen.run.ecu import Ecu
+from codegen.run.ecu import EcuBackend
 from codegen.run.services import Server
 from firmware.calibration import Calibration
 from firmware.services import fault_memory, uds, uds_state
@@ -70,7 +70,7 @@ def source(firmware: BusFirmware, record: Calibration) -> str:
         asked |= {50 * k + 1: frame, 50 * k + 3: CLEAR_TO_SEND}
     session = Session(native.NativeMachine(firmware), firmware)
     session.begin("UDS")
-    ecu = Ecu(session, record, firmware)
+    ecu = EcuBackend(session, record, firmware)
     server = Server(ecu)
     answers = 0
     for tick in range(max(asked) + REST):

@@ -7,7 +7,7 @@ from typing import Any
 from codegen.export.sessions.session import REST, Session
 from codegen.run import memory_image, native
 from codegen.run.bus_firmware import BusFirmware
-from codegen.run.ecu import Ecu
+from codegen.run.ecu import EcuBackend
 from codegen.run.services import PAGE_ADDRESS, STATE_ADDRESS, Slave
 from firmware.calibration import Calibration
 from firmware.limits import LAST_BYTE
@@ -94,7 +94,7 @@ def source(firmware: BusFirmware, record: Calibration) -> str:
     asked = dict(_timed(commands(int(state["mode"][1]))))
     session = Session(native.NativeMachine(firmware), firmware)
     session.begin("XCP")
-    ecu = Ecu(session, record, firmware)
+    ecu = EcuBackend(session, record, firmware)
     slave = Slave(ecu)
     answers = 0
     # words as the memory has them: the CRC, and that in the second frame of a sample

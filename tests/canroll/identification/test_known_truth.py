@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import vehicles
-from canroll.identification.fit import Settings, _held
+from canroll.identification.fit import FitSettings, _held
 from canroll.identification.unknowns import NUMBERS, unknowns
 from tools.validation import fit_truth
 
@@ -24,7 +24,7 @@ HELD = tuple(key for key in NUMBERS if key not in FREE)
 @cache
 def fitted():
     case = fit_truth.truth(5, duration=4.0, held=HELD)
-    return case, fit_truth.fitted(case, Settings(starts=1, held=HELD))
+    return case, fit_truth.fitted(case, FitSettings(starts=1, held=HELD))
 
 
 def test_the_truth_lies_in_the_intervals():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
-from canroll.identification.drive_log import REQUIRED, Channel, Choice, Log
+from canroll.identification.drive_log import REQUIRED, Channel, Log, SignalChoice
 from canroll.identification.pieces import RUN_IN, Window, pieces
 
 TIME = 0.01 * np.arange(1000)
@@ -14,7 +14,9 @@ def log_of(time=TIME, **channels):
     """A log with sines of 0.5 Hz in all signals but the speed of 20 m/s."""
     wave = np.sin(np.pi * TIME)
     values = {name: wave for name in REQUIRED} | {"speed": np.full(TIME.size, 20.0)} | channels
-    return Log("drive.csv", {name: Channel(Choice(name), time, v) for name, v in values.items()})
+    return Log(
+        "drive.csv", {name: Channel(SignalChoice(name), time, v) for name, v in values.items()}
+    )
 
 
 def test_a_whole_log_is_one_piece_whose_first_second_does_not_count():
@@ -30,7 +32,8 @@ def test_a_gap_cuts_the_log():
     wave = np.sin(np.pi * TIME)[kept]
     values = {name: wave for name in REQUIRED} | {"speed": np.full(wave.size, 20.0)}
     log = Log(
-        "drive.csv", {name: Channel(Choice(name), TIME[kept], v) for name, v in values.items()}
+        "drive.csv",
+        {name: Channel(SignalChoice(name), TIME[kept], v) for name, v in values.items()},
     )
     parts, remarks = pieces(log, Window())
     assert [(part.begin, round(part.time[-1], 2)) for part in parts] == [
@@ -79,6 +82,8 @@ def test_fast_signals_are_means_over_a_sample():
     time = 0.001 * np.arange(10000)
     noise = np.random.default_rng(1).standard_normal(time.size)
     values = {name: noise for name in REQUIRED} | {"speed": np.full(time.size, 20.0)}
-    log = Log("drive.csv", {name: Channel(Choice(name), time, v) for name, v in values.items()})
+    log = Log(
+        "drive.csv", {name: Channel(SignalChoice(name), time, v) for name, v in values.items()}
+    )
     (piece,), _ = pieces(log, Window())
     assert np.std(piece.measured[10:-10]) == pytest.approx(np.sqrt(0.1), rel=0.15)

@@ -15,7 +15,7 @@ from canroll.validation.manoeuvre import recognised
 from canroll.validation.measurement import NONE, Measurement, of_fit, zeroed
 from canroll.validation.replayed import replayed
 from canroll.validation.tolerances import TOLERANCES, with_choices
-from canroll.validation.validate import Settings, validate
+from canroll.validation.validate import ValidationSettings, validate
 from tests.support.measured_drives import driven, dwell, free, log_of, ramp, step, sweep
 
 SPEED = 22.0
@@ -44,7 +44,7 @@ def columns(manoeuvre, side=1.0):
 
 def verdict(manoeuvre, vehicle=None, **changes):
     log = log_of({**columns(manoeuvre), **changes})
-    return validate(log, vehicle or car(), Settings())
+    return validate(log, vehicle or car(), ValidationSettings())
 
 
 @pytest.mark.parametrize("manoeuvre", STEERINGS)
@@ -81,7 +81,7 @@ def test_a_reversed_roll_on_a_circle_fails():
 
 @pytest.mark.parametrize("manoeuvre", [name for name in STEERINGS if name != "free"])
 def test_a_manoeuvre_to_the_right_is_the_same(manoeuvre):
-    result = validate(log_of(columns(manoeuvre, -1.0)), softer(CORNERING[1]), Settings())
+    result = validate(log_of(columns(manoeuvre, -1.0)), softer(CORNERING[1]), ValidationSettings())
     assert result.manoeuvre == manoeuvre
     assert not result.passed
 
@@ -103,12 +103,12 @@ def test_noise_changes_no_verdict(manoeuvre):
 
 def test_the_manoeuvre_can_be_named_and_a_wrong_one_is_refused():
     log = log_of(columns("sine_sweep"))
-    assert validate(log, car(), Settings(manoeuvre="free")).manoeuvre == "free"
+    assert validate(log, car(), ValidationSettings(manoeuvre="free")).manoeuvre == "free"
     for name in ("step_steer", "sine_with_dwell"):
         with pytest.raises(CanrollError, match="choose another --manoeuvre"):
-            validate(log, car(), Settings(manoeuvre=name))
+            validate(log, car(), ValidationSettings(manoeuvre=name))
     with pytest.raises(UnknownNameError, match="steady_circle"):
-        Settings(manoeuvre="steady_circl")
+        ValidationSettings(manoeuvre="steady_circl")
 
 
 def test_several_manoeuvres_in_one_log_are_free_driving():
@@ -125,15 +125,15 @@ def test_several_manoeuvres_in_one_log_are_free_driving():
 
 def test_limits_are_those_that_are_set():
     log, other = log_of(columns("free")), softer(CORNERING[0], share=0.97)
-    assert validate(log, other, Settings()).passed
-    assert not validate(log, other, Settings(rating=0.998)).passed
-    assert not validate(log, other, Settings(error=0.005)).passed
-    strict = {**Settings().explained, "roll": 0.9999}
-    failed = validate(log, other, Settings(explained=strict)).failures
+    assert validate(log, other, ValidationSettings()).passed
+    assert not validate(log, other, ValidationSettings(rating=0.998)).passed
+    assert not validate(log, other, ValidationSettings(error=0.005)).passed
+    strict = {**ValidationSettings().explained, "roll": 0.9999}
+    failed = validate(log, other, ValidationSettings(explained=strict)).failures
     assert len(failed) == 1
     assert failed[0].startswith("roll: ")
     with pytest.raises(CanrollError, match=r"--rating 1\.2: must be 0 to 1"):
-        Settings(rating=1.2)
+        ValidationSettings(rating=1.2)
 
 
 def test_tolerances_are_read_or_refused():
@@ -152,18 +152,18 @@ def test_offsets_of_straight_driving_and_of_a_fit_are_taken_off(tmp_path):
     still = driven(car(), np.concatenate((np.zeros(150), free())), SPEED)
     offsets = {"yaw_rate": 0.05, "lateral_acceleration": 0.6, "roll": 0.02, "steering": 0.1}
     log = log_of({name: value + offsets.get(name, 0.0) for name, value in still.items()})
-    assert not validate(log, car(), Settings()).passed
+    assert not validate(log, car(), ValidationSettings()).passed
     zero = zeroed(log, Window(0.0, 1.4))
     assert zero.steering_offset == pytest.approx(0.1)
     assert zero.offsets["roll"] == pytest.approx(0.02, abs=1e-4)
-    assert validate(log, car(), Settings(), zero).passed
+    assert validate(log, car(), ValidationSettings(), zero).passed
     keys = {"log.steering_offset": 0.1, **{f"log.{k}_offset": v for k, v in offsets.items()}}
     keys["log.roll_delay"] = 0.03
     path = tmp_path / "fit.json"
     path.write_text(json.dumps({"numbers": [{"key": k, "value": v} for k, v in keys.items()]}))
     fitted = of_fit(path)
     assert fitted.delays == {"roll": 0.03}
-    assert validate(log, car(), Settings(), Measurement(0.1, offsets)).passed
+    assert validate(log, car(), ValidationSettings(), Measurement(0.1, offsets)).passed
     with pytest.raises(CanrollError, match="no steering-wheel angle from 5"):
         zeroed(log_of({"steering": np.zeros(9), "roll": np.zeros(9)}), Window(5.0, 6.0))
 
@@ -179,13 +179,13 @@ def test_a_file_that_is_no_fit_is_refused(tmp_path, text):
 def test_a_log_without_motion_is_refused():
     still = driven(car(), np.zeros(400), SPEED)
     with pytest.raises(CanrollError, match="says nothing of the car"):
-        validate(log_of(still), car(), Settings())
+        validate(log_of(still), car(), ValidationSettings())
 
 
 def test_a_car_that_rolls_over_where_the_measured_one_does_not_fails():
     narrow = car().replace({f"geometry.half_track_{axle}": 0.5 for axle in ("front", "rear")})
     with pytest.raises(VerdictError, match="rolls over where the measured car does not"):
-        validate(log_of(driven(car(), ramp(1.8), SPEED)), narrow, Settings())
+        validate(log_of(driven(car(), ramp(1.8), SPEED)), narrow, ValidationSettings())
 
 
 def test_the_verdict_as_json_has_plain_numbers():

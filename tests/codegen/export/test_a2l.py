@@ -8,7 +8,7 @@ import pytest
 from canroll.errors import CanrollError
 from codegen.export import a2l
 from codegen.generated import bus_map, signals
-from codegen.generated.bus_map import Xcp
+from codegen.generated.bus_map import XcpFrames
 from codegen.run import ecu_traffic, memory_image
 from firmware.limits import LAST_BYTE
 from firmware.subset import fields
@@ -21,7 +21,7 @@ a2lparser = pytest.importorskip("pya2l.a2lparser", reason="needs pya2ldb")
 
 BASE = {"calibration": 0x0800_4000, "ecu": 0x2000_0010, "canroll_epk": 0x0800_7F00}
 SOFTWARE = a2l.Software(
-    "canroll 1.2.3 0badcafe", ecu_traffic.random_calibration(2), Xcp(0x6F0, 0x6F1, 500_000)
+    "canroll 1.2.3 0badcafe", ecu_traffic.random_calibration(2), XcpFrames(0x6F0, 0x6F1, 500_000)
 )
 TEXT = a2l.a2l(SOFTWARE, BASE)
 TYPES = {"SLONG": ("i32", -(2**31), 2**31 - 1), "UBYTE": ("u8", 0, 255)}

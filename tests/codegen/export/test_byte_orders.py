@@ -11,7 +11,7 @@ from canroll.cli import export_c
 from codegen.export import a2l, bundle
 from codegen.export.header import gains_header
 from codegen.generated import signals
-from codegen.generated.bus_map import Xcp
+from codegen.generated.bus_map import XcpFrames
 from codegen.run import ecu_traffic
 from codegen.run.bus_firmware import of_bus
 from gain_gen.calibration import calibration_file
@@ -124,7 +124,7 @@ def test_an_image_says_the_byte_order_of_a2l_and_flash(order, tmp_path):
 
 def test_the_order_is_an_option_of_an_export_without_an_image(tmp_path):
     base = {"calibration": 0x1000, "ecu": 0x2000}
-    software = a2l.Software("test", RECORD, Xcp(0x6F0, 0x6F1, 500_000), slave=True)
+    software = a2l.Software("test", RECORD, XcpFrames(0x6F0, 0x6F1, 500_000), slave=True)
     little, big = (a2l.a2l(software, base, order) for order in ("little", "big"))
     assert big == little.replace("  BYTE_ORDER MSB_LAST\n", "  BYTE_ORDER MSB_FIRST\n")
     # numbers in commands are little-endian on every target

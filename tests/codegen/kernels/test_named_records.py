@@ -6,7 +6,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from codegen.kernels.kinds import FLOAT, Array
+from codegen.kernels.kinds import FLOAT, ArrayKind
 from codegen.kernels.translate import Translator
 from plant_sim.bodies import tyre
 from plant_sim.kernels.jit import inlined, njit, record_of
@@ -43,7 +43,7 @@ def _summed(parameters, slip):
 @pytest.fixture(scope="module")
 def in_c(tmp_path_factory):
     translator = Translator("test_")
-    vector = Array(np.dtype(np.float64), (CAR.itemsize // 8,))
+    vector = ArrayKind(np.dtype(np.float64), (CAR.itemsize // 8,))
     prototype = translator.entry(_summed, (vector, FLOAT), "summed")
     folder = tmp_path_factory.mktemp("kernel")
     (folder / "kernels.h").write_text(translator.header([prototype]))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from codegen.kernels.kinds import FLOAT, Array
+from codegen.kernels.kinds import FLOAT, ArrayKind
 from codegen.kernels.translate import Translator
 from plant_sim.bodies import tyre
 from plant_sim.kernels.jit import njit, record_of
@@ -30,7 +30,7 @@ def _forces(parameters, slips, hand):
 @pytest.fixture(scope="module")
 def in_c(tmp_path_factory):
     translator = Translator("test_")
-    vectors = [Array(np.dtype(np.float64), (size,)) for size in (AXLE.itemsize // 8, 3)]
+    vectors = [ArrayKind(np.dtype(np.float64), (size,)) for size in (AXLE.itemsize // 8, 3)]
     prototype = translator.entry(_forces, (*vectors, FLOAT), "forces")
     folder = tmp_path_factory.mktemp("kernel")
     (folder / "kernels.h").write_text(translator.header([prototype]))

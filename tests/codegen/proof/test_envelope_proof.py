@@ -13,7 +13,7 @@ from codegen.operations.intervals import BITS_31, KINDS
 from codegen.operations.relations import RELATIONS
 from codegen.operations.table import OPERATORS
 from codegen.subset.parse import load
-from codegen.subset.program import Constant, Function, Member
+from codegen.subset.program import Constant, FieldReference, Function
 from firmware.calibration import Calibration
 from firmware.state import Ecu
 from firmware.subset import fields
@@ -79,7 +79,7 @@ class Symbolic:
             return self.called(ref, [self.value(each, names) for each in node.args])
         if isinstance(ref, Constant):
             return z3.IntVal(ref.value)
-        return self.field(ref.field.name) if isinstance(ref, Member) else names[node.id]
+        return self.field(ref.field.name) if isinstance(ref, FieldReference) else names[node.id]
 
     def called(self, ref, arguments):
         """A function, or an intrinsic that limits its first argument."""

@@ -167,7 +167,7 @@ def test_a_tick_after_sixteen_missed_is_hardly_longer_than_the_longest(name, pro
     elapsed = recording.traffic.elapsed.copy()
     late = np.arange(60, len(elapsed) - 1, 7)
     elapsed[late] = 17
-    storm = ecu_traffic.Traffic(recording.traffic.frames, elapsed)
+    storm = ecu_traffic.EcuTraffic(recording.traffic.frames, elapsed)
     run = qemu.replay(recording.calibration, storm, processor)
     assert run.instructions[late].max() <= 1.25 * calm[50:].max()
     assert run.instructions[late + 1].max() <= 1.25 * calm[50:].max()

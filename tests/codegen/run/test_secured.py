@@ -10,7 +10,7 @@ from codegen.run import cortex, ecu_traffic, secured
 from codegen.run.backends import open_backend
 from codegen.run.bus_firmware import built_in, of_bus
 from codegen.run.native import compiler
-from codegen.run.secured import Secoc, SecuredEcu, listening_ticks
+from codegen.run.secured import SecocModule, SecuredEcu, listening_ticks
 from codegen.run.unicorn import CortexEcu
 from firmware.state import RX_IMU, TX_ANTI_ROLL_BAR
 
@@ -99,7 +99,7 @@ def test_lasting_memory(backend):
 def test_a_replay_counts_what_authentication_costs():
     rows = [(t, RX_IMU, 16, np.frombuffer(imu(t), np.uint8)) for t in range(30)]
     kind = ecu_traffic.random_traffic(1, 1, bus=FIRMWARE.bus).frames.dtype
-    traffic = ecu_traffic.Traffic(np.array(rows, kind), np.ones(30, np.int32))
+    traffic = ecu_traffic.EcuTraffic(np.array(rows, kind), np.ones(30, np.int32))
     ran = secured.replay(CALIBRATION, traffic, "cortex-m4", FIRMWARE, key=KEY)
     sent = np.bincount(ran.frames["tick"], minlength=30)
     assert ran.authentication.min() > 900
@@ -120,7 +120,7 @@ def test_a_plain_bus_has_no_authentication():
 def test_what_a_refused_frame_costs(frame, length, most):
     """Of a flood only frames with a plausible freshness value cost a MAC."""
     ecu = CortexEcu(CALIBRATION, cpu="cortex-m4", count=True, firmware=FIRMWARE)
-    secoc = Secoc(ecu.machine, ecu.firmware)
+    secoc = SecocModule(ecu.machine, ecu.firmware)
     secoc.start(KEY, 1, 0)
     assert not secoc.verify(RX_IMU, frame, length)
     assert most / 2 < ecu.machine.instructions < most

@@ -7,7 +7,7 @@ import pytest
 from codegen.proof.prove import prove
 from codegen.run import cortex, ecu_traffic, memory_image
 from codegen.run.bus_firmware import built_in
-from codegen.run.secured import Secoc
+from codegen.run.secured import SecocModule
 from codegen.run.unicorn import CortexEcu
 from codegen.subset.parse import load
 from firmware.calibration import N_RX
@@ -31,7 +31,7 @@ def test_it_gives_the_same_frames_within_its_budget(cpu):
     firmware = replace(built_in(), services=("secoc",))
     ecu = CortexEcu(ecu_traffic.random_calibration(1), cpu=cpu, count=True, firmware=firmware)
     machine = ecu.machine
-    emulated, its = Secoc(ecu.machine, ecu.firmware), secoc_state.Secoc()
+    emulated, its = SecocModule(ecu.machine, ecu.firmware), secoc_state.Secoc()
     secoc.start(its, list(KEY), 7, 0)
     emulated.start(KEY, 7, 0)
     for k in range(24):

@@ -83,7 +83,7 @@ def test_on_a_processor_its_ticks_are_shorter_and_the_authentication_costs_the_s
     recording, special
 ):
     frames = recording.traffic.frames
-    short = ecu_traffic.Traffic(frames[frames["tick"] < 60], recording.traffic.elapsed[:60])
+    short = ecu_traffic.EcuTraffic(frames[frames["tick"] < 60], recording.traffic.elapsed[:60])
     general, own = (
         secured.replay(recording.calibration, short, "cortex-m4", firmware, key=DEVELOPMENT_KEY)
         for firmware in (GENERAL, special)

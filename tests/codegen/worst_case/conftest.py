@@ -15,7 +15,7 @@ def assembled(tmp_path):
     """Link assembly text; each ``.global`` function needs its ``.type``."""
     if shutil.which("arm-none-eabi-gcc") is None:
         pytest.skip("needs gcc-arm-none-eabi")
-    from codegen.worst_case.machine_code import Image
+    from codegen.worst_case.machine_code import MachineImage
 
     def link(text, cpu="cortex-m4"):
         head = ".syntax unified\n.thumb\n.text\n"
@@ -23,7 +23,7 @@ def assembled(tmp_path):
         command = ["arm-none-eabi-gcc", f"-mcpu={cpu}", "-mthumb", "-nostdlib", "-Ttext=0x100"]
         command += ["-Wl,-e,main", "-o", "code.elf", "code.s", "-lgcc"]
         subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
-        return Image(tmp_path / "code.elf")
+        return MachineImage(tmp_path / "code.elf")
 
     return link
 

@@ -99,7 +99,7 @@ def test_a_plain_bus_has_no_authentication_to_bound():
 @pytest.mark.skipif(not cortex.has_pip_tools(), reason="needs canroll[target]")
 def test_both_emulators_run_the_same_authenticated_session(recording, cpu):
     calibration, frames = recording.calibration, recording.traffic.frames
-    traffic = ecu_traffic.Traffic(frames[frames["tick"] < 60], recording.traffic.elapsed[:60])
+    traffic = ecu_traffic.EcuTraffic(frames[frames["tick"] < 60], recording.traffic.elapsed[:60])
     here = secured.replay(calibration, traffic, cpu, FIRMWARE, key=DEVELOPMENT_KEY)
     ran = qemu.replay(calibration, traffic, cpu, firmware=FIRMWARE, key=DEVELOPMENT_KEY)
     assert ran.states.tobytes() == here.states.tobytes()
@@ -132,5 +132,5 @@ def test_a_flood_fills_every_tick_with_frames_that_are_refused(recording):
         counts.append((ecu.accepted, ecu.refused))
     added = len(full.frames) - len(plain.frames)
     assert counts[1] == (counts[0][0], counts[0][1] + added)
-    silent = ecu_traffic.Traffic(plain.frames[:0], plain.elapsed)
+    silent = ecu_traffic.EcuTraffic(plain.frames[:0], plain.elapsed)
     assert ecu_traffic.flooded(silent, FULL, frames) is silent

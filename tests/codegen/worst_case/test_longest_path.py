@@ -5,7 +5,7 @@ import pytest
 from canroll.errors import CanrollError
 from codegen.worst_case.cycles import Timing
 from codegen.worst_case.longest_path import LongestPath
-from codegen.worst_case.machine_state import Promises, State
+from codegen.worst_case.machine_state import MachineState, Promises
 from codegen.worst_case.transfer import Transfer
 
 HEAD = ".global main\n.type main, %function\nmain:\n"
@@ -15,7 +15,7 @@ TOP = 0x2000_1000
 def bound(image, timing=None):
     transfer = Transfer(image, Promises(()), (0x2000_0000, TOP))
     return LongestPath(image, transfer, timing or Timing("cortex-m4")).bound(
-        "main", State.start(TOP)
+        "main", MachineState.start(TOP)
     )
 
 

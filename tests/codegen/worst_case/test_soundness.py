@@ -9,7 +9,7 @@ from codegen.run import cortex, ecu_traffic, memory_image, native
 from codegen.worst_case import firmware_bound as worst
 from codegen.worst_case import library, longest_path
 from codegen.worst_case.cycles import Timing
-from codegen.worst_case.machine_code import SWITCHES, Image
+from codegen.worst_case.machine_code import SWITCHES, MachineImage
 from codegen.worst_case.machine_state import N_REGISTERS
 from firmware.calibration import PROPAGATED_COVARIANCE, Calibration
 from firmware.state import Ecu
@@ -80,7 +80,7 @@ def test_registers_lie_in_their_intervals(cpu, seed, monkeypatch):
     visit = longest_path._Visit.block
     monkeypatch.setattr(longest_path._Visit, "block", remember)
     bound = worst.firmware_bound(calibration, Timing(cpu))
-    image, machine = Image(path), Machine(path, cpu)
+    image, machine = MachineImage(path), Machine(path, cpu)
     ecu, constants = image.address("ecu"), image.address("calibration")
     machine.uc.mem_write(constants, memory_image.image(calibration))
     costs = worst.cycle_costs(path, Timing(cpu))
@@ -159,7 +159,7 @@ def test_a_calibration_excludes_what_it_never_runs(cpu):
 
 def test_divisions_take_no_more_rounds_than_stated(cpu):
     path = cortex.gcc_image(cpu)
-    image, machine = Image(path), Machine(path, cpu)
+    image, machine = MachineImage(path), Machine(path, cpu)
     routines = {
         name: image.symbols[name] for name in library.ROUNDS if image.symbols.get(name, (0, 0))[1]
     }

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from codegen.run import cortex
-from codegen.worst_case.machine_code import Image
-from codegen.worst_case.machine_state import Promises, State, Value
+from codegen.worst_case.machine_code import MachineImage
+from codegen.worst_case.machine_state import MachineState, Promises, Value
 from codegen.worst_case.transfer import BRANCHES, Transfer
 
 SCRATCH = 0x2000_2000
@@ -29,7 +29,7 @@ def test_results_lie_in_their_intervals(cpu):
     unicorn = pytest.importorskip("unicorn", reason="needs canroll[target]")
     names = unicorn.arm_const
     path = cortex.gcc_image(cpu)
-    image = Image(path)
+    image = MachineImage(path)
     uc = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
     uc.ctl_set_cpu_model(getattr(names, cortex.CPUS[cpu].unicorn))
     uc.mem_map(SCRATCH, 0x1000)
@@ -53,7 +53,7 @@ def test_results_lie_in_their_intervals(cpu):
                     values = [int(rng.integers(-(1 << b) // 2, 1 << b)) for b in bits]
                     values = [(v + (1 << 31)) % (1 << 32) - (1 << 31) for v in values]
                     slack = [int(rng.choice([0, 0, 1, 300])) for _ in values]
-                    state = State.start(0)
+                    state = MachineState.start(0)
                     for k, (value, more) in enumerate(zip(values, slack, strict=True)):
                         uc.reg_write(numbers[k], value & 0xFFFFFFFF)
                         low, high = max(value - more, -(1 << 31)), min(value + more, (1 << 31) - 1)
