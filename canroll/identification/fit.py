@@ -13,7 +13,7 @@ from canroll.errors import CanrollError
 from canroll.identification import unknowns
 from canroll.identification.agreement import Agreement, agreement
 from canroll.identification.drive_log import Log
-from canroll.identification.information import TOLD, Information, information, together
+from canroll.identification.information import IDENTIFIED, Information, information, together
 from canroll.identification.log_checks import check
 from canroll.identification.output_error import (
     How,
@@ -65,7 +65,7 @@ class FitSettings:
 class FittedNumber:
     """A fitted number and its standard deviation, in the unit of its unknown.
 
-    ``state``: "told" by the log; told only "together" with others, where the log says less of the
+    ``state``: "identified"; identified only "together" with others, where the log says less of the
     number than was known before; or "kept" at its prior, of which the log says nothing.
     """
 
@@ -99,7 +99,7 @@ class Fit:
         numbers: all that was unknown.
         covariance: of the numbers, in products of their units (p, p).
         information: of the log.
-        pairs: labels of numbers told only together, and their correlation.
+        pairs: labels of numbers identifiable only together, and their correlation.
         seconds: of the log that were compared.
         agreements: of the part that was fitted.
         predictions: of the part that was predicted only; empty without one.
@@ -148,7 +148,7 @@ class Fit:
                 for number in self.numbers
             ],
             "covariance": self.covariance.tolist(),
-            "told_together": [list(pair) for pair in self.pairs],
+            "identifiable_together": [list(pair) for pair in self.pairs],
             "directions": self.information.directions,
             "minima": list(self.minima),
             "remarks": list(self.remarks),
@@ -192,7 +192,7 @@ def fit(
         felt = information(model, point, how).felt
         if not any(f and not unknown.of_log for f, unknown in zip(felt, sought, strict=True)):
             raise CanrollError(
-                f"{log.name}: it tells nothing of the car beyond what {vehicle.name} has: drive "
+                f"{log.name}: it says nothing of the car beyond what {vehicle.name} has: drive "
                 "with more steering"
             )
         point = search(model, replace(point, x=_held(model, point.x, felt)), felt, how)
@@ -240,7 +240,7 @@ def _numbers(
 ) -> list[FittedNumber]:
     numbers = []
     for i, unknown in enumerate(model.unknowns):
-        state = "told" if covariance[i, i] < TOLD else "together"
+        state = "identified" if covariance[i, i] < IDENTIFIED else "together"
         numbers.append(
             FittedNumber(
                 unknown,
@@ -329,7 +329,7 @@ def fitted(vehicle: Vehicle, numbers: tuple[FittedNumber, ...], log: str) -> Veh
         if number.unknown.least > 0.0:
             spread = f"±{100 * number.deviation / number.value:.2g} %"
         key = f"{key}.imu_position" if place else key
-        condition = "" if number.state == "told" else " (only together with others)"
+        condition = "" if number.state == "identified" else " (only together with others)"
         spreads.setdefault(key, []).append(
             f"{spread}{condition}, {number.unknown.mean:.4g} before"
             + (f" [{place}]" if place else "")

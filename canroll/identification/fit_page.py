@@ -13,7 +13,7 @@ from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
 
 SHOWN = {"rad": ("°", np.degrees(1.0)), "rad/s": ("°/s", np.degrees(1.0)), "s": ("ms", 1e3)}
 """Units of sensors as people read them, and their factors."""
-STATES = {"told": "", "together": "with others only", "kept": "as before"}
+STATES = {"identified": "", "together": "with others only", "kept": "as before"}
 
 
 def _explained(agreements: tuple[Agreement, ...]) -> str:
@@ -25,10 +25,10 @@ def _explained(agreements: tuple[Agreement, ...]) -> str:
 def summary(fit: Fit) -> str:
     """Return the answer in a line."""
     of_car = [number for number in fit.numbers if not number.unknown.of_log]
-    count = sum(number.state == "told" for number in of_car)
+    count = sum(number.state == "identified" for number in of_car)
     return (
-        f"{fit.start.name} fitted to {fit.seconds:.1f} s of {fit.log}: it tells {count} of "
-        f"{len(of_car)} numbers"
+        f"{fit.start.name} fitted to {fit.seconds:.1f} s of {fit.log}: {count} of {len(of_car)} "
+        "numbers identified"
     )
 
 
@@ -72,7 +72,7 @@ HEAD = ("number", "fitted", "before", "unit", "")
 
 
 def fitted_table(fit: Fit) -> PageTable:
-    """Return the numbers of the vehicle that the log tells, alone or with others."""
+    """Return the identified numbers of the vehicle, alone or with others."""
     numbers = [n for n in fit.numbers if not n.unknown.of_log and n.state != "kept"]
     return PageTable(
         "Vehicle",
@@ -95,7 +95,7 @@ def _row(number: FittedNumber) -> tuple[str | Cell, ...]:
 
 def _of_log(fit: Fit, keys: tuple[str, ...]) -> Iterator[str]:
     for number in fit.numbers:
-        if number.unknown.key in keys and number.state == "told":
+        if number.unknown.key in keys and number.state == "identified":
             unit, factor = SHOWN.get(number.unknown.unit, (number.unknown.unit, 1.0))
             value = rounded(factor * number.value, factor * number.deviation)
             label = number.unknown.label.removesuffix(" offset").removesuffix(" delay")
@@ -108,8 +108,8 @@ def measurement_line(fit: Fit) -> str:
     offsets = ("log.steering_offset", *(offset_key(name) for name in names))
     delays = tuple(delay_key(name) for name in names)
     return (
-        f"offsets: {', '.join(_of_log(fit, offsets)) or 'none told'}; stamped later than the "
-        f"steering: {', '.join(_of_log(fit, delays)) or 'none told'}"
+        f"offsets: {', '.join(_of_log(fit, offsets)) or 'none identified'}; stamped later than the "
+        f"steering: {', '.join(_of_log(fit, delays)) or 'none identified'}"
     )
 
 
@@ -160,10 +160,12 @@ def fit_page(fit: Fit) -> str:
         PageTable("Measurement", HEAD, [_row(n) for n in measurement]),
     ]
     if kept:
-        tables.append(PageTable("Not told by the log", HEAD, [_row(n) for n in kept]))
+        tables.append(PageTable("Not identifiable from the log", HEAD, [_row(n) for n in kept]))
     if fit.pairs:
         rows = [(a, b, Cell(f"{c:.3f}".replace("-", "−"), c)) for a, b, c in fit.pairs]
-        tables.append(PageTable("Told only together", ("number", "and", "correlation"), rows))
+        tables.append(
+            PageTable("Identifiable only together", ("number", "and", "correlation"), rows)
+        )
     return render(
         Page(
             title="Fitted vehicle",

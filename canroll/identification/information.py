@@ -13,13 +13,13 @@ from canroll.identification.colour import score_covariance
 from canroll.identification.output_error import How, Model, Point, residuals
 from canroll.typing import Vector
 
-TOLD = 0.5
+IDENTIFIED = 0.5
 """Share of its prior variance that an unknown told by a log keeps at most: of one with more the log
 says less than was known before."""
 TINY = 1e-12
 """Share of the whole information that a direction without any is given, to be divided by."""
 TOGETHER = 0.9
-"""Correlation beyond which two unknowns are told only together."""
+"""Correlation beyond which two unknowns are identifiable only together."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +104,7 @@ def _at_least(scores: NDArray[np.float64], white: NDArray[np.float64]) -> NDArra
 def together(
     covariance: NDArray[np.float64], labels: Sequence[str], count: int = 3
 ) -> list[tuple[str, str, float]]:
-    """Return the pairs of unknowns that are told only together, the strongest first."""
+    """Return the pairs of unknowns that are identifiable only together, the strongest first."""
     deviations = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(deviations, deviations)
     pairs = [

@@ -32,7 +32,7 @@ STEERING_NOISE, SPEED_NOISE = 1e-3, 0.01
 DURATION = 8.0
 VAN = {"mass": 2720.0, "wheelbase": 3.66, "track": 1.735, "height": 2.5}
 COVERED = 1.96
-STATES = ("told", "together", "kept")
+STATES = ("identified", "together", "kept")
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,20 +157,20 @@ def rows(seed: int) -> list[Row]:
 
 def table(found: list[list[Row]]) -> Iterator[str]:
     """Lines of the table."""
-    yield "| number | told | with others | kept | within 95 % | deviation over the least |"
+    yield "| number | identified | with others | kept | within 95 % | deviation over the least |"
     yield "| --- | ---: | ---: | ---: | ---: | ---: |"
     inside: list[bool] = []
-    told: list[bool] = []
+    identified: list[bool] = []
     for number in zip(*found, strict=True):
         good = [abs(row.error) < COVERED * row.deviation for row in number]
         states = [sum(row.state == state for row in number) for state in STATES]
         inside += good
-        told += [g for g, row in zip(good, number, strict=True) if row.state == "told"]
+        identified += [g for g, row in zip(good, number, strict=True) if row.state == "identified"]
         wide = np.median([row.deviation / row.least for row in number])
         counts = " | ".join(map(str, states))
         yield f"| `{number[0].key}` | {counts} | {np.mean(good):.0%} | {wide:.2f} |"
     yield f"| all | | | | {np.mean(inside):.0%} | |"
-    yield f"| told | | | | {np.mean(told):.0%} | |"
+    yield f"| identified | | | | {np.mean(identified):.0%} | |"
 
 
 def batch(count: int, jobs: int) -> list[list[Row]]:

@@ -34,7 +34,7 @@ def test_it_writes_a_vehicle_its_covariance_and_a_page(drive, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(options(folder, "--out", str(out))) == 0
     printed = capsys.readouterr().out
-    assert printed.startswith("van_real fitted to 3.0 s of drive.csv: it tells 2 of 2 numbers\n")
+    assert printed.startswith("van_real fitted to 3.0 s of drive.csv: 2 of 2 numbers identified\n")
     assert len(printed.splitlines()) <= 25
     car = vehicles.load(out / "van_real.toml")
     true = case.numbers["tyre.cornering_stiffness_front"]
