@@ -111,6 +111,7 @@ def task_of(calibration: LoadedCalibration) -> Task:
         delay=Delay(nominal, least, most),
         tick=calibration.tick,
         actuator=calibration.actuator,
+        observer=str(table.get("observer", "two_sensors")),
     )
 
 

@@ -11,6 +11,7 @@ from canroll.cli.design_parsers import DEFAULT_DELAY_MS
 from canroll.cli.options import (
     DEFAULT_OUT,
     DEFAULT_SCENARIO,
+    by_key,
     choices_of,
 )
 from canroll.errors import CanrollError, writing
@@ -24,13 +25,11 @@ from codegen.export.header import gains_header
 from codegen.generated import own_stage
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import calibrate, physical_notes, summary, title
-from gain_gen.calibration.quantise import QuantiseOptions
 from gain_gen.design import design
 from gain_gen.laws import LAWS
 from gain_gen.models.task import Check, Delay, Design, Task
-from gain_gen.monitors.detectability import Detectable, detectable
-from gain_gen.monitors.residuals import bank_of
-from gain_gen.monitors.uncertainty import Uncertainty
+from gain_gen.monitors.detectability import of_calibration
+from gain_gen.monitors.uncertainty import stated
 
 LARGEST_EFFORT = 20_000.0
 """N·m; no actuator's message carries more."""
@@ -66,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     """Design, write and report; 1 for an as-printed law that fails a check, else 0."""
     if args.compare:
         return compare(args)
-    choices = choices_of(args)
+    choices, box = choices_of(args), stated(by_key("--uncertainty", args.uncertainty))
     stage = stage_of({}, choices)
     answer = design(chosen(choices, "law"), design_task(args))
     options = options_of(choices)
@@ -81,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     with writing(files[1]):
         files[1].write_text(header, encoding="utf-8")
     if args.json:
-        faults = [row.to_json() for row in faults_of(answer.task, options)]
+        faults = [row.to_json() for row in of_calibration(record, answer.task, box)]
         written = {"detectability": faults, "files": [str(path) for path in files]}
         print(json.dumps(summary(answer) | written))
     else:
@@ -89,17 +88,12 @@ def run(args: argparse.Namespace) -> int:
         if args.verbose:
             print()
             terminal.show_table(design_view.others(answer))
-            print(f"\n{design_view.DETECTABILITY}")
-            terminal.show_table(design_view.detectability(faults_of(answer.task, options)))
+        if args.verbose or args.uncertainty:
+            print(f"\n{design_view.allowed_for(box)}")
+            rows = of_calibration(record, answer.task, box)
+            terminal.show_table(design_view.detectability(rows))
         print(f"written: {', '.join(str(path) for path in files)}")
     return 1 if answer.failures else 0
-
-
-def faults_of(task: Task, options: QuantiseOptions) -> tuple[Detectable, ...]:
-    """Return what of constant faults can be found with the signals that a design receives."""
-    moments = task.actuator in ("suspension", "bars") and options.moment_reported
-    bank = bank_of(task, Uncertainty(), suspension=options.response_watch, moments=moments)
-    return detectable(bank, task.vehicle)
 
 
 def show(answer: Design) -> None:

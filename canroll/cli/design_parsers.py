@@ -11,6 +11,7 @@ from canroll.cli.options import (
     add_json,
     add_services,
     add_spread,
+    add_uncertainty,
     add_verbose,
     path_named,
     scenario,
@@ -93,6 +94,7 @@ def design(parser: Parser) -> None:
     add_choices(parser, OF_A_DRIVE)
     add_json(parser)
     add_verbose(parser, "the numbers without a limit and the least faults that can be found")
+    add_uncertainty(parser)
     parser.add_argument(
         "--out",
         type=path_named,
@@ -106,13 +108,16 @@ def design(parser: Parser) -> None:
     parser.relate(Relations(excludes=every), "law")
     plain = {"compare": "--compare designs laws without a stage"}
     parser.relate(Relations(excludes=plain), "stage")
-    parser.relate(Relations(excludes={"compare": "--compare prints one line a law"}), "verbose")
+    line = {"compare": "--compare prints one line a law"}
+    parser.relate(Relations(excludes=line), "verbose", "uncertainty")
 
 
 def margins(parser: Parser) -> None:
     """Options of ``canroll margins``."""
     parser.add_argument("calibration", type=path_named, help="calibration.toml of canroll design")
     add_json(parser)
+    add_verbose(parser, "the least faults that can be found")
+    add_uncertainty(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="write margins.png there")
 
 

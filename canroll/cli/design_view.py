@@ -7,6 +7,7 @@ from canroll.report.page import PageTable
 from gain_gen.calibration.freeze import summary
 from gain_gen.models.task import UNITS, Check, Design
 from gain_gen.monitors.detectability import Detectable
+from gain_gen.monitors.uncertainty import Uncertainty
 
 LABELS = {
     "spectral_radius": "spectral radius",
@@ -117,13 +118,15 @@ def others(answer: Design) -> PageTable:
     )
 
 
-DETECTABILITY = (
-    "Least constant fault that a balance of signals shows within 0.3 s, allowing for mass,\n"
-    "height, springs and dampers ±20 % and all else not known of car, sensors and road:\n"
-    "on a straight, even road; at the worst moment of a slalom (4 m/s², 0.4 Hz);\n"
-    "and separated from other faults there"
-)
-"""Title of the table of :func:`detectability`."""
+def allowed_for(box: Uncertainty) -> str:
+    """Return the title of the table of :func:`detectability`."""
+    return (
+        "Least constant fault that a balance of signals shows within 0.3 s, allowing for mass\n"
+        f"±{100 * box.mass:g} %, height ±{100 * box.height:g} %, springs "
+        f"±{100 * box.stiffness:g} %, dampers ±{100 * box.damping:g} % and all else not known "
+        "of car, sensors\nand road: on a straight, even road; at the worst moment of a slalom "
+        "(4 m/s², 0.4 Hz); and\nseparated from other faults there"
+    )
 
 
 def detectability(rows: Iterable[Detectable]) -> PageTable:

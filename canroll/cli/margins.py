@@ -10,13 +10,23 @@ from typing import TYPE_CHECKING, Any
 
 import vehicles
 from canroll.cli import design_view, terminal
+from canroll.cli.options import by_key
 from canroll.errors import writing
 from canroll.report.page import PageTable
 from gain_gen.analysis.family import Condition, FamilyMargins
 from gain_gen.analysis.margins import Margins
 from gain_gen.calibration import calibration_file
 from gain_gen.design import UNVERIFIED
-from gain_gen.margin_report import DelayMargin, MarginReport, admits, margin_report, to_json
+from gain_gen.margin_report import (
+    DelayMargin,
+    MarginReport,
+    admits,
+    margin_report,
+    task_of,
+    to_json,
+)
+from gain_gen.monitors.detectability import of_calibration
+from gain_gen.monitors.uncertainty import stated
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,7 +41,9 @@ def run(args: argparse.Namespace) -> int:
     note = vehicles.note_of_change(calibration.vehicle, "calibration")
     if note:
         print(f"note: {note}", file=sys.stderr)
+    box = stated(by_key("--uncertainty", args.uncertainty))
     report = margin_report(calibration)
+    faults = of_calibration(calibration.record, task_of(calibration), box)
     if args.out is not None:
         picture = args.out / "margins.png"
         draw(report, picture)
@@ -39,6 +51,7 @@ def run(args: argparse.Namespace) -> int:
         stage = None if calibration.stage is None else calibration.stage.name
         marks: dict[str, Any] = {"without_stage": stage, "verified": calibration.verified}
         marks["failed"] = calibration.failed
+        marks["detectability"] = [row.to_json() for row in faults]
         print(json.dumps(to_json(report) | marks))
     else:
         if calibration.stage is not None:
@@ -46,6 +59,9 @@ def run(args: argparse.Namespace) -> int:
         if not calibration.verified:
             terminal.show_warnings(t for t in calibration.warnings if t.startswith(UNVERIFIED))
         show(report)
+        if args.verbose or args.uncertainty:
+            print(f"\n{design_view.allowed_for(box)}")
+            terminal.show_table(design_view.detectability(faults))
         if args.out is not None:
             print(f"written: {picture}")
     return 0 if admits(report) else 1

@@ -300,6 +300,19 @@ def add_verbose(parser: Parser, more: str) -> None:
     )
 
 
+def add_uncertainty(parser: Parser) -> None:
+    """Add the option for what the table of detectable faults allows for."""
+    parser.add_argument(
+        "--uncertainty",
+        action="append",
+        type=key_value,
+        default=[],
+        metavar="KEY=WIDTH",
+        help="half-width that the table of detectable faults allows for, such as mass=0.05, and "
+        "print the table; may be repeated",
+    )
+
+
 def add_answer(parser: Parser, files: str) -> None:
     """Add --out for the result ``files``, and --json."""
     parser.add_argument(

@@ -10,12 +10,17 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.signal import lsim
 
+from firmware.calibration import Calibration
+from firmware.state import RX_ACTUATOR_STATE, RX_SUSPENSION_RATE
+from gain_gen.models.task import Task
 from gain_gen.monitors.bank import STEP, Bank, Residual, ticks_of
 from gain_gen.monitors.linear_car import car_of, effective_inertia
 from gain_gen.monitors.noise import response
-from gain_gen.monitors.uncertainty import NOMINAL
+from gain_gen.monitors.residuals import bank_of
+from gain_gen.monitors.uncertainty import NOMINAL, Uncertainty
 from vehicles import GRAVITY, Vehicle
 
+DEFAULT = Uncertainty()
 TOLERATED = 0.3
 """Time after its beginning in which a fault is to be found, s."""
 SLALOM = 4.0, 0.4
@@ -106,6 +111,16 @@ class Detectable:
             "residual": self.first,
             "inseparable": list(self.inseparable),
         }
+
+
+def of_calibration(
+    record: Calibration, task: Task, box: Uncertainty = DEFAULT
+) -> tuple[Detectable, ...]:
+    """Return what can be found with the signals that the loop of a calibration waits for."""
+    waits = record.timeout_ticks
+    moments = task.actuator in ("suspension", "bars") and waits[RX_ACTUATOR_STATE] > 0
+    bank = bank_of(task, box, suspension=waits[RX_SUSPENSION_RATE] > 0, moments=moments)
+    return detectable(bank, task.vehicle)
 
 
 def detectable(bank: Bank, vehicle: Vehicle) -> tuple[Detectable, ...]:

@@ -1,8 +1,11 @@
 """What the designer of the monitors does not know: the box in which car, sensors and road lie."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from math import inf
+
+from canroll.errors import CanrollError, UnknownNameError
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +63,44 @@ class Uncertainty:
     late: float = 0.1
     bump: float = 0.05
     alarms_per_hour: float = 1e-3
+
+
+SHARES = (
+    "mass",
+    "height",
+    "inertia",
+    "stiffness",
+    "damping",
+    "tyre",
+    "cornering",
+    "moment",
+    "speed",
+)
+"""Half-widths that are shares of the nominal value: below 1, so that something is left of it."""
+
+
+def stated(choices: Mapping[str, str]) -> Uncertainty:
+    """Return the defaults with the half-widths in ``choices`` in their place.
+
+    Raises:
+        UnknownNameError: there is no such half-width.
+        CanrollError: not a number, negative, or a share of 1 and more.
+    """
+    box = Uncertainty()
+    for name, text in choices.items():
+        if name not in Uncertainty.__dataclass_fields__:
+            raise UnknownNameError("uncertainty", name, Uncertainty.__dataclass_fields__)
+        try:
+            width = float(text)
+        except ValueError as error:
+            raise CanrollError(f"--uncertainty {name}={text}: {text!r} is not a number") from error
+        if not 0.0 <= width < (1.0 if name in SHARES else inf):
+            most = "below 1, a share of the nominal value" if name in SHARES else "0 or more"
+            raise CanrollError(f"--uncertainty {name}={text}: must be {most}")
+        if name == "alarms_per_hour" and not width:
+            raise CanrollError(f"--uncertainty {name}={text}: noise always raises some: above 0")
+        box = replace(box, **{name: width})
+    return box
 
 
 @dataclass(frozen=True, slots=True)
