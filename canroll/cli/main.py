@@ -48,7 +48,7 @@ TASKS: Mapping[str, tuple[str, ...]] = {
     "simulate": ("run", "compare", "sweep", "report"),
     "design": ("design", "margins", "certify", "prove"),
     "assess": ("campaign", "severe", "faults", "attacks", "reproduce"),
-    "characterise a vehicle": ("vehicle", "fit", "limit", "understeer", "response"),
+    "characterise a vehicle": ("vehicle", "fit", "validate", "limit", "understeer", "response"),
     "network": ("bus",),
     "hardware": ("hil", "ecu", "plant", "watch"),
     "export": ("export-c", "export-fmu", "timing"),
