@@ -1,6 +1,5 @@
 """Terminal output of a run: table, verdict and progress."""
 
-import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -16,7 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
 from canroll.report.console import Console
-from canroll.report.page import Cell, PageTable
+from canroll.report.page import NUMBER, Cell, PageTable
 from canroll.report.tables import (
     authentication_note,
     can_rows,
@@ -109,10 +108,6 @@ def note(text: str) -> None:
     print(text, file=sys.stderr)
 
 
-FIGURE = re.compile(r"[<>≤≥×±+−-]? ?\d")
-"""A cell that is a number; a column with one is aligned on the right."""
-
-
 def _widths(columns: Sequence[Sequence[str]], room: int) -> list[int]:
     """Return the columns' widths in ``room``; what is too wide breaks, between words if it can."""
     widths = [max(map(cell_len, column)) for column in columns]
@@ -134,7 +129,7 @@ def _table(
     table = rich.table.Table(box=None, pad_edge=False, header_style="bold")
     widths = _widths(columns, console.width - 2 * (len(columns) - 1))
     for number, (column, width) in enumerate(zip(columns, widths, strict=True)):
-        figures = number > 0 and any(map(FIGURE.match, column[1:]))
+        figures = number > 0 and any(map(NUMBER.match, column[1:]))
         table.add_column(
             column[0], justify="right" if figures else "left", width=width, overflow="fold"
         )

@@ -1,5 +1,6 @@
 """The report page: verdict on top, plots between, parameters and provenance at the end."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -16,7 +17,9 @@ GROUPS = {
 PHONE = 30
 """Letters in the longest words of a table's head that fit a phone; with more its rows stack."""
 WORDS = 5
-"""A column with longer text than this wraps, and starts on the left."""
+"""A column with longer text than this that is no number wraps, and starts on the left."""
+NUMBER = re.compile(r"[<>≤≥×±+−-]? ?\d")
+"""A cell that is a number; a column with one is aligned on the right."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +84,10 @@ class Page:
 def _words(table: PageTable) -> list[bool]:
     """Return for each column whether it holds words, which wrap, instead of numbers."""
     columns = zip(*table.rows, strict=True) if table.rows else ((),) * len(table.head)
-    return [any(isinstance(c, str) and len(c) > WORDS for c in column) for column in columns]
+    return [
+        any(isinstance(c, str) and len(c) > WORDS and not NUMBER.match(c) for c in column)
+        for column in columns
+    ]
 
 
 def _is_wide(table: PageTable) -> bool:
