@@ -23,4 +23,4 @@ def test_it_builds_without_a_warning(tmp_path):
     page = (tmp_path / "canroll.html").read_text(encoding="utf-8")
     for name in ("run", "design", "load_vehicle", "Result"):
         assert f'id="{name}"' in page
-    assert (tmp_path / "plant_sim" / "can_bus" / "delay_bounds.html").is_file()
+    assert (tmp_path / "plant_sim" / "can_bus" / "bounds" / "delay_bounds.html").is_file()
