@@ -89,9 +89,8 @@ def run(args: argparse.Namespace) -> int:
             print()
             terminal.show_table(design_view.others(answer))
         if args.verbose or args.uncertainty:
-            print(f"\n{design_view.allowed_for(box)}")
             rows = of_calibration(record, answer.task, box)
-            terminal.show_table(design_view.detectability(rows))
+            terminal.show_titled(design_view.detectability(rows, box))
         print(f"written: {', '.join(str(path) for path in files)}")
     return 1 if answer.failures else 0
 

@@ -129,10 +129,10 @@ def allowed_for(box: Uncertainty) -> str:
     )
 
 
-def detectability(rows: Iterable[Detectable]) -> PageTable:
+def detectability(rows: Iterable[Detectable], box: Uncertainty) -> PageTable:
     """Return the detectable size of each constant fault, and the faults it is confused with."""
     return PageTable(
-        title="",
+        title=allowed_for(box),
         head=("least constant fault", "straight", "slalom", "separable", "by", "but not from"),
         rows=[
             (

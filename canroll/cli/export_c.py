@@ -12,7 +12,7 @@ import numpy as np
 from canroll.cli.design_parsers import OF_AN_EXPORT
 from canroll.cli.options import choices_of, chosen_services
 from canroll.cli.terminal import show_warnings
-from canroll.errors import CanrollError, VerdictError, writing
+from canroll.errors import CanrollError, writing
 from canroll.runs.experiment import plan
 from canroll.runs.result import Settings
 from canroll.runs.traffic import record_traffic
@@ -56,12 +56,7 @@ def run(args: argparse.Namespace) -> int:
         **choices_of(args, OF_AN_EXPORT),
         duration=3.0,
     )
-    verified = bool(controller.tables["design"]["verified"])
-    if not verified and not args.unverified:
-        raise VerdictError(
-            f"{controller.law} for {controller.vehicle.name} is not verified: see 'canroll "
-            "margins', or export it anyway with --unverified"
-        )
+    verified = controller.exportable(unverified=args.unverified)
     show_warnings(controller.warnings)
     export = described(args, settings, controller, verified=verified)
     with writing_to(args.folder):

@@ -9,7 +9,7 @@ import vehicles
 from canroll.cli.options import DEFAULT_SCENARIO, choices_of
 from canroll.cli.parser import check_mode
 from canroll.cli.terminal import show_warnings
-from canroll.errors import CanrollError, VerdictError
+from canroll.errors import CanrollError
 from canroll.exchange import body_fmu, bus_fmu, plant_fmu
 from canroll.runs.experiment import build_world, maneuver_of, plan, tick_offset_ns
 from canroll.runs.virtual_time import RUN_TIME_NS
@@ -52,12 +52,7 @@ def run(args: argparse.Namespace) -> int:
 def write_ecu(args: argparse.Namespace) -> str:
     """Write the ECU with its calibration."""
     settings, controller = plan(DEFAULT_SCENARIO, **choices_of(args))
-    verified = bool(controller.tables["design"]["verified"])
-    if not verified and not args.unverified:
-        raise VerdictError(
-            f"{controller.law} for {controller.vehicle.name} is not verified: see 'canroll "
-            "margins', or export it anyway with --unverified"
-        )
+    verified = controller.exportable(unverified=args.unverified)
     show_warnings(controller.warnings)
     title = (
         f"roll-control ECU, {controller.law} for {controller.vehicle.name}, "

@@ -16,6 +16,7 @@ from canroll.report.page import PageTable
 from gain_gen.analysis.family import Condition, FamilyMargins
 from gain_gen.analysis.margins import Margins
 from gain_gen.calibration import calibration_file
+from gain_gen.calibration.calibration_file import LoadedCalibration
 from gain_gen.design import UNVERIFIED
 from gain_gen.margin_report import (
     DelayMargin,
@@ -25,8 +26,8 @@ from gain_gen.margin_report import (
     task_of,
     to_json,
 )
-from gain_gen.monitors.detectability import of_calibration
-from gain_gen.monitors.uncertainty import stated
+from gain_gen.monitors.detectability import Detectable, of_calibration
+from gain_gen.monitors.uncertainty import Uncertainty, stated
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,7 +44,6 @@ def run(args: argparse.Namespace) -> int:
         print(f"note: {note}", file=sys.stderr)
     box = stated(by_key("--uncertainty", args.uncertainty))
     report = margin_report(calibration)
-    faults = of_calibration(calibration.record, task_of(calibration), box)
     if args.out is not None:
         picture = args.out / "margins.png"
         draw(report, picture)
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
         stage = None if calibration.stage is None else calibration.stage.name
         marks: dict[str, Any] = {"without_stage": stage, "verified": calibration.verified}
         marks["failed"] = calibration.failed
-        marks["detectability"] = [row.to_json() for row in faults]
+        marks["detectability"] = [row.to_json() for row in _faults(calibration, box)]
         print(json.dumps(to_json(report) | marks))
     else:
         if calibration.stage is not None:
@@ -60,11 +60,14 @@ def run(args: argparse.Namespace) -> int:
             terminal.show_warnings(t for t in calibration.warnings if t.startswith(UNVERIFIED))
         show(report)
         if args.verbose or args.uncertainty:
-            print(f"\n{design_view.allowed_for(box)}")
-            terminal.show_table(design_view.detectability(faults))
+            terminal.show_titled(design_view.detectability(_faults(calibration, box), box))
         if args.out is not None:
             print(f"written: {picture}")
     return 0 if admits(report) else 1
+
+
+def _faults(calibration: LoadedCalibration, box: Uncertainty) -> tuple[Detectable, ...]:
+    return of_calibration(calibration.record, task_of(calibration), box)
 
 
 def without(stage: str) -> str:
@@ -96,8 +99,7 @@ def show(report: MarginReport) -> None:
         (f"over delay, {conditions[0]}", over_delay),
         (f"over gain, delay {1e3 * delay.nominal:.4g} ms", over_gain),
     ):
-        print(f"\n{title}")
-        terminal.show_table(PageTable(title, POINT, [_row(*point) for point in points]))
+        terminal.show_titled(PageTable(title, POINT, [_row(*point) for point in points]))
 
 
 def _family_table(family: FamilyMargins, conditions: Iterable[Condition]) -> PageTable:

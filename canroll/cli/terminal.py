@@ -150,6 +150,12 @@ def show_table(table: PageTable) -> None:
     console.print(_table(console, table.head, table.rows))
 
 
+def show_titled(table: PageTable) -> None:
+    """Print a table below its title, after an empty line."""
+    print(f"\n{table.title}")
+    show_table(table)
+
+
 def show_warnings(warnings: Iterable[str]) -> None:
     """Print warnings, one line each."""
     console = Console(highlight=False)

@@ -143,8 +143,7 @@ def _linear(args: argparse.Namespace, vehicle: Vehicle, body: Body) -> int:
         return 0
     print(f"{where}\n{trim_of(answer)}")
     for table in tables(answer):
-        print(f"\n{table.title}")
-        terminal.show_table(table)
+        terminal.show_titled(table)
     if answer.distance is None:
         print(f"\nno design model at this trim: {answer.why_not}")
     if args.out is not None:

@@ -11,7 +11,7 @@ import numpy as np
 
 import dbc
 import vehicles
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, VerdictError
 from canroll.setup.bus_frames import absent, profile_of
 from canroll.setup.choices import CHOICES, PASSIVE, check, chosen
 from canroll.setup.delay import sample_to_force
@@ -82,6 +82,20 @@ class PreparedController:
             np.array(record.schedule_front_share[points]) / (1 << fw.Q_UNIT),
         )
         return float(share)
+
+    def exportable(self, *, unverified: bool) -> bool:
+        """Return whether every check of the design held.
+
+        Raises:
+            VerdictError: one did not, and ``unverified`` does not ask for it anyway.
+        """
+        verified = bool(self.tables["design"]["verified"])
+        if not verified and not unverified:
+            raise VerdictError(
+                f"{self.law} for {self.vehicle.name} is not verified: see 'canroll margins', or "
+                "export it anyway with --unverified"
+            )
+        return verified
 
 
 def prepare(choices: Mapping[str, Any]) -> PreparedController:

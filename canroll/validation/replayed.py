@@ -155,8 +155,8 @@ def filtered(values: Vector) -> Vector:
     if not there.any():
         return values
     at = np.arange(len(values))
-    whole = np.interp(at, at[there], values[there])
-    low = sosfiltfilt(butter(POLES // 2, CUTOFF, fs=1.0 / SAMPLE, output="sos"), whole)
+    filled = np.interp(at, at[there], values[there])
+    low = sosfiltfilt(butter(POLES // 2, CUTOFF, fs=1.0 / SAMPLE, output="sos"), filled)
     return np.where(there, low, np.nan)
 
 

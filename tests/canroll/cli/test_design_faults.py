@@ -19,7 +19,7 @@ def test_sizes_have_their_units_and_what_is_never_found_says_so():
         ("rate",),
     )
     unseen = Detectable(ConstantFault("rate", "m/s", {}), (), float("inf"), ())
-    table = design_view.detectability([seen, unseen])
+    table = design_view.detectability([seen, unseen], Uncertainty())
     assert table.rows == [
         ("moment", "120 N·m", "1756 N·m", "never", "body", "rate"),
         ("rate", "never", "never", "never", "", ""),
