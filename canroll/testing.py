@@ -317,7 +317,7 @@ class ManoeuvreConformance:
             assert outputs[-1, ports.X] != 0.0
 
 
-COMMON = ("friction", "chassis_control", "preview_time")
+COMMON = ("friction", "chassis_control", "preview_time", "road")
 """Options that every manoeuvre has, of road and driver."""
 
 

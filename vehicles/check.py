@@ -14,6 +14,7 @@ SIGNED = (
     "roll_centre_height",
     "tyre.curvature",
     "magic_formula",
+    "centre_of_pressure_ahead",
 )
 """Keys whose numbers may be negative; every other number of a vehicle must not be."""
 

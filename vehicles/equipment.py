@@ -1,4 +1,4 @@
-"""Equipment of a vehicle: roll actuators of four kinds, and sensors."""
+"""Equipment of a vehicle: roll actuators of four kinds, sensors, and what the wind meets."""
 
 from dataclasses import dataclass
 
@@ -109,3 +109,52 @@ class Sensors:
     suspension_rate: SensorChannel
     speed: SensorChannel
     steering_wheel: SensorChannel
+
+
+AIR_DENSITY = 1.2
+"""Of air at 20 °C and 1013 hPa (kg/m³)."""
+GUESSED_AIR = (
+    "guessed: frontal area 0.85 times width and height (±15 %), height 2.5 times that of the "
+    "centre of gravity, side-force slope of passenger cars (±30 %), centre of pressure a fifth of "
+    "the wheelbase ahead of the middle (±50 %) at half the height (±20 %)"
+)
+"""What :meth:`Aerodynamics.guessed` rests on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Aerodynamics:
+    """Side force of the wind: F = ½ ρ A c' V v at the centre of pressure.
+
+    V is the speed of the air relative to the car and v its part across the car, so that c' sin τ
+    is the side-force coefficient at the angle of flow τ, linear up to about 30°. ``frontal_area``
+    A (m²), ``side_force_slope`` c' (1/rad). The centre of pressure lies
+    ``centre_of_pressure_ahead`` of the middle of the wheelbase (m), as the moments of SAE J1594
+    give it, and ``centre_of_pressure_height`` above the road (m).
+    """
+
+    frontal_area: float
+    side_force_slope: float
+    centre_of_pressure_ahead: float
+    centre_of_pressure_height: float
+
+    @property
+    def force_factor(self) -> float:
+        """½ ρ A c' (kg/m)."""
+        return 0.5 * AIR_DENSITY * self.frontal_area * self.side_force_slope
+
+    @classmethod
+    def guessed(cls, *, width: float, cg_height: float, wheelbase: float) -> "Aerodynamics":
+        """Return those of a usual car of such sizes (m).
+
+        Height of the centre of gravity as in :mod:`vehicles.classes`; area over width times height
+        is 0.81 for cars (Hucho, Aerodynamics of Road Vehicles), more for vans; slopes of side force
+        and yawing moment are 0.035 to 0.06 and 0.007 to 0.017 per degree (Gillespie, Fundamentals
+        of Vehicle Dynamics, ch. 4).
+        """
+        height = cg_height / 0.4
+        return cls(
+            frontal_area=0.85 * width * height,
+            side_force_slope=2.6,
+            centre_of_pressure_ahead=0.2 * wheelbase,
+            centre_of_pressure_height=0.5 * height,
+        )

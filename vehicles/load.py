@@ -12,7 +12,7 @@ from canroll.documents import text as read_text
 from canroll.errors import CanrollError, UnknownNameError, reason
 from vehicles import tyre_files
 from vehicles.check import problems, signs
-from vehicles.model import SCHEMA, Empty, Vehicle
+from vehicles.model import SCHEMA, Aerodynamics, Empty, Vehicle
 from vehicles.plausible import implausible, outside
 from vehicles.short import completed, is_short
 
@@ -30,7 +30,7 @@ _SECTIONS = (
     "actuators",
     "sensors",
 )
-_OPTIONAL = {"empty": Empty}
+_OPTIONAL = {"empty": Empty, "aerodynamics": Aerodynamics}
 
 
 def names() -> list[str]:

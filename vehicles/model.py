@@ -13,6 +13,7 @@ from typing import Any
 
 from vehicles.equipment import (
     Actuators,
+    Aerodynamics,
     ElectroHydraulicBars,
     SemiActiveDampers,
     SensorChannel,
@@ -22,6 +23,7 @@ from vehicles.equipment import (
 __all__ = [
     "GRAVITY",
     "Actuators",
+    "Aerodynamics",
     "Driver",
     "ElectroHydraulicBars",
     "Empty",
@@ -229,7 +231,8 @@ class Vehicle:
     ``lane_offset`` the lateral offset (m) of the double lane change. ``sources`` maps a section or
     ``section.key`` to where its numbers come from. ``file`` is the path of a user's file.
     ``empty`` is the body without load, if the file has it; see :mod:`vehicles.unladen`.
-    ``magic_formula`` has the tyres' coefficients, if they are those of .tir files.
+    ``magic_formula`` has the tyres' coefficients, if they are those of .tir files;
+    ``aerodynamics`` if the file has them, see :attr:`side_wind`.
     """
 
     name: str
@@ -251,6 +254,7 @@ class Vehicle:
     file: str = ""
     empty: Empty | None = None
     magic_formula: TyreFiles | None = None
+    aerodynamics: Aerodynamics | None = None
 
     @property
     def reference(self) -> str:
@@ -341,6 +345,14 @@ class Vehicle:
     def lateral_gain(self, speed: float) -> float:
         """Steady lateral acceleration per road-wheel angle (m/s² per rad) at ``speed`` (m/s)."""
         return speed**2 / (self.geometry.wheelbase + self.understeer * speed**2)
+
+    @property
+    def side_wind(self) -> Aerodynamics:
+        """Aerodynamics of its file, or guessed ones."""
+        geometry = self.geometry
+        return self.aerodynamics or Aerodynamics.guessed(
+            width=geometry.width, cg_height=self.cg_height, wheelbase=geometry.wheelbase
+        )
 
     @property
     def static_stability_factor(self) -> float:

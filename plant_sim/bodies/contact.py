@@ -208,7 +208,7 @@ def road_forces(  # noqa: PLR0917
             scratch[SLIP_RATIO + wheel],
             slips[wheel],
             scratch[AXIS_Z + wheel],
-            friction,
+            friction + held[ports.WHEEL_FRICTION + wheel],
             1.0 - 2.0 * (wheel % 2),
         )
         scratch[AHEAD + wheel], scratch[ASIDE + wheel] = ahead, aside

@@ -35,9 +35,11 @@ HUB_Y, HUB_Z, ARM_Y, ARM_Z, HUB_VX, HUB_VY, HUB_VZ = range(32, 60, 4)
 N_MOTION = 60
 
 # Slots of the forces, four each: on a hub with its wheel and their moment about P, pitched frame.
-# Then of each axle what the suspension exerts along the slide and about the roll centre.
+# Then of each axle what the suspension exerts along the slide and about the roll centre, and of
+# the wind on the body the side force and its moments about P, heading frame.
 FORCE_X, FORCE_Y, FORCE_Z, MOMENT_X, MOMENT_Y, MOMENT_Z, SLIDE, TILT = (*range(0, 24, 4), 24, 26)
-N_FORCES = 28
+WIND_Y, WIND_ROLL, WIND_YAW = 28, 29, 30
+N_FORCES = 31
 
 
 @inlined

@@ -200,9 +200,14 @@ def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt:
     _observe(state, inputs, parameters, outputs)
 
 
-BODY = Body("linear_car", step, build, friction=False, constant_speed=True)
+BODY = Body("linear_car", step, build, friction=False, wind=False, constant_speed=True)
 """Linear full car."""
 HYDRAULIC_BODY = Body(
-    "linear_car_hydraulic", step, build_hydraulic, friction=False, constant_speed=True
+    "linear_car_hydraulic",
+    step,
+    build_hydraulic,
+    friction=False,
+    wind=False,
+    constant_speed=True,
 )
 """Linear full car with electro-hydraulic bars."""

@@ -32,7 +32,16 @@ from plant_sim.bodies.contact import (
 )
 from plant_sim.bodies.held import N_HELD, TURN, UP, hold
 from plant_sim.bodies.integrate import rk4
-from plant_sim.bodies.kinematics import N_FORCES, N_MOTION, SLIDE, TILT, place
+from plant_sim.bodies.kinematics import (
+    N_FORCES,
+    N_MOTION,
+    SLIDE,
+    TILT,
+    WIND_ROLL,
+    WIND_Y,
+    WIND_YAW,
+    place,
+)
 from plant_sim.bodies.mass_matrix import N_FACTORS, factor
 from plant_sim.bodies.parameters import CAR, AxleRecord, Car, build_parameters, car_of
 from plant_sim.bodies.ports import ROLLOVER_ANGLE, Body
@@ -121,6 +130,15 @@ def _suspension(state: Vector, held: Vector, car: Car, results: Vector, forces: 
 
 
 @inlined
+def _wind(height: float, held: Vector, car: Car, forces: Vector) -> None:
+    """Fill the wind's side force and its moments about P, ``height`` (m) above the road."""
+    force = held[ports.WIND_FORCE]
+    forces[WIND_Y] = force
+    forces[WIND_ROLL] = held[ports.WIND_ROLL] + height * force
+    forces[WIND_YAW] = held[ports.WIND_YAW] - car.offset * force
+
+
+@inlined
 def _evaluate(state: Vector, held: Vector, car: Car, rate: Vector, results: Vector) -> None:
     motion, slides, factors = _motion(), _slides(), _factors()
     forces, accelerations = _forces(), _accelerations()
@@ -143,6 +161,7 @@ def _evaluate(state: Vector, held: Vector, car: Car, rate: Vector, results: Vect
         forces,
         results,
     )
+    _wind(car.axis_height + state[HEAVE], held, car, forces)
     accelerate(motion, forces, factors, car, accelerations)
 
     # the heading frame turns, on a sloping road about its plane's axes as well
@@ -175,6 +194,7 @@ def _evaluate(state: Vector, held: Vector, car: Car, rate: Vector, results: Vect
         k = FORWARD + 4 * n
         pushed = results[k] + results[k + 1] + results[k + 2] + results[k + 3]
         results[R_ACC + n] = share * pushed - GRAVITY * held[UP + n]
+    results[R_ACC + 1] += share * held[ports.WIND_FORCE]
     for n in range(3):
         results[R_BODY_ACC + n] = accelerations[BODY_ACC + n]
 

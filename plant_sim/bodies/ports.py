@@ -33,7 +33,11 @@ BANK = 18  # road bank angle (rad)
 GRADE = 19  # road grade, > 0 uphill (rad)
 FRICTION = 20  # road friction, scales the tyre's peak
 LATERAL_ACCELERATION = 21  # prescribed a_y (m/s²) for the roll-only plant; NaN: from the tyres
-N_INPUTS = 22
+WHEEL_FRICTION = 22  # road friction under each wheel above FRICTION, 4
+WIND_FORCE = 26  # side force of the air on the body, along the car's left (N)
+WIND_ROLL = 27  # its moment about the road's x axis under the CG, > 0 lifts the left side (N·m)
+WIND_YAW = 28  # its moment about the vertical axis through the CG, > 0 turns left (N·m)
+N_INPUTS = 29
 
 # Outputs of a body. The heading frame lies in the road plane, x along the heading, z its normal.
 X = 0  # position on the road plane of the point under the static CG of the whole car (m)
@@ -103,6 +107,10 @@ INPUTS = (
     Port("bank", BANK, "rad"),
     Port("grade", GRADE, "rad", recorded=False),
     Port("friction", FRICTION),
+    Port("wheel_friction", WHEEL_FRICTION, number=4),
+    Port("wind_force", WIND_FORCE, "N"),
+    Port("wind_roll", WIND_ROLL, "N·m", recorded=False),
+    Port("wind_yaw", WIND_YAW, "N·m", recorded=False),
 )
 """What drives a body."""
 OUTPUTS = (
@@ -116,7 +124,7 @@ OUTPUTS = (
     Port("heave", HEAVE, "m"),
     *(Port("heave_rate", HEAVE_RATE, "m/s"), Port("heave_acc", HEAVE_ACC, "m/s²")),
     *(
-        Port(f"sprung_a{axis}", BODY_ACC + k, "m/s²", recorded=False)
+        Port(f"sprung_a{axis}", BODY_ACC + k, "m/s²", recorded=axis == "y")
         for k, axis in enumerate("xyz")
     ),
     Port("wheel_load", WHEEL_LOAD, "N", 4),
@@ -158,7 +166,8 @@ class Body:
     in place and fills ``outputs``. ``build(vehicle, speed)`` gives the state on a straight road
     at ``speed`` (m/s) and the parameter vector. ``lacks`` are outputs that it does not have: pitch
     and heave are 0 then, all others NaN. ``friction``: whether the road's friction limits it,
-    ``constant_speed`` whether it keeps its entry speed whatever the drive force.
+    ``wind`` whether the wind moves it, ``constant_speed`` whether it keeps its entry speed
+    whatever the drive force.
     """
 
     name: str
@@ -167,6 +176,7 @@ class Body:
     outside: Outside | None = None
     lacks: tuple[str, ...] = ()
     friction: bool = True
+    wind: bool = True
     constant_speed: bool = False
 
 

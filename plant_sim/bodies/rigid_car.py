@@ -29,6 +29,9 @@ from plant_sim.bodies.kinematics import (
     SLIDE,
     TILT,
     WEIGHT,
+    WIND_ROLL,
+    WIND_Y,
+    WIND_YAW,
     bias,
 )
 from plant_sim.bodies.mass_matrix import (
@@ -76,7 +79,11 @@ def accelerate(
     on_roll = y * fz - z * fy - (jx * ax + oy * hz - oz * hy) + of_all(forces, MOMENT_X)
     on_pitch = z * fx - (jyy * ay + jyz * az + oz * hx - wx * hz) + of_all(forces, MOMENT_Y)
     on_z = -y * fx - (jyz * ay + jzz * az + wx * hy - oy * hx) + of_all(forces, MOMENT_Z)
+    # the wind's moments turn with the heading frame
+    on_roll += c * forces[WIND_ROLL] - s * forces[WIND_YAW]
+    on_z += s * forces[WIND_ROLL] + c * forces[WIND_YAW]
     right[0], right[1] = fx + of_all(forces, FORCE_X), fy + of_all(forces, FORCE_Y)
+    right[1] += forces[WIND_Y]
     right[2] = fz + of_all(forces, FORCE_Z)
     right[PITCH], right[ROLL] = on_pitch, on_roll
     right[YAW] = tx * on_roll + ty * on_pitch + tz * on_z

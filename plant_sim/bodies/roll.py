@@ -179,5 +179,5 @@ def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt:
     observe(state, inputs, parameters, outputs)
 
 
-BODY = Body("roll1", step, build, friction=False, constant_speed=True)
+BODY = Body("roll1", step, build, friction=False, wind=False, constant_speed=True)
 """1-DOF roll model with a linear bicycle."""

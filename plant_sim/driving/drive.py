@@ -23,12 +23,14 @@ class ManeuverPlan:
 
     ``duration`` (s). ``table`` at steps of ``table_step`` (s): road-wheel angle (rad) or lateral
     acceleration (m/s²). ``speed`` (m/s), one value per STEP_NS, the first at entry, replaces the
-    constant one. ``bank`` (rad) and ``road``, the heights (m) under the left and the right
-    wheels, at steps of ``road_step`` (m) of distance. ``release_time`` (s): the accelerator is
-    released from then on. ``steer_rate`` (rad/s at the road wheels) other than 0 replaces the
-    driver's arms by a steering robot. ``at_the_limit``: the driver turns the wheel beyond the
-    peak of the front tyres. ``fishhook``: start (s), amplitude (rad), hold (s), return (s).
-    ``remarks``: what was left out of a file.
+    constant one. ``bank`` and ``grade`` (rad), ``road``, the heights (m) under the left and the
+    right wheels, ``friction`` there, in multiples of the option, and ``wind``, along the world's y
+    axis (m/s), at steps of ``road_step`` (m) of distance. ``release_time`` (s): the accelerator is
+    released from then on, and ``pedal`` (m/s², one value per STEP_NS from then on) is the
+    acceleration that accelerator and brake ask for; None: 0. ``steer_rate`` (rad/s at the road
+    wheels) other than 0 replaces the driver's arms by a steering robot. ``at_the_limit``: the
+    driver turns the wheel beyond the peak of the front tyres. ``fishhook``: start (s), amplitude
+    (rad), hold (s), return (s). ``remarks``: what was left out of a file.
     """
 
     duration: float
@@ -38,9 +40,13 @@ class ManeuverPlan:
     table_step: float = STEP_NS * 1e-9
     speed: Vector | None = None
     bank: Vector | None = None
+    grade: Vector | None = None
     road: tuple[Vector, Vector] | None = None
+    friction: tuple[Vector, Vector] | None = None
+    wind: Vector | None = None
     road_step: float = 1.0
     release_time: float = inf
+    pedal: Vector | None = None
     steer_rate: float = 0.0
     at_the_limit: bool = False
     fishhook: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
@@ -61,6 +67,15 @@ class ManeuverKind:
     plan: Callable[..., ManeuverPlan]
     friction: float = 1.0
     chassis_control: bool = False
+
+
+PEDAL_TIME = 0.2
+"""Time in which a pedal is pressed or released (s)."""
+
+
+def pedal(acceleration: float) -> Vector:
+    """An acceleration (m/s²) that the pedals ask for from the release of the accelerator on."""
+    return acceleration * np.linspace(0.0, 1.0, round(PEDAL_TIME * 1e9 / STEP_NS) + 1)
 
 
 def steady_steer(vehicle: Vehicle, speed: float, lateral_acceleration: float) -> float:
@@ -118,8 +133,15 @@ def make_drive(
     p[driver.D_YAW_INERTIA] = vehicle.mass.yaw_inertia
     p[driver.D_TRACK] = front.half_track
     p[driver.D_CORNERING] = front.cornering
+    p[driver.D_CG_HEIGHT] = vehicle.cg_height
+    air = vehicle.side_wind
+    middle = 0.5 * (geometry.cg_to_front_axle - geometry.cg_to_rear_axle)
+    p[driver.D_WIND_FACTOR] = air.force_factor
+    p[driver.D_WIND_AHEAD] = air.centre_of_pressure_ahead + middle
+    p[driver.D_WIND_HEIGHT] = air.centre_of_pressure_height
     x, y = plan.path_xy if plan.path_xy is not None else (np.array([0.0, path.STEP]), np.zeros(2))
     left, right = plan.road if plan.road is not None else (np.zeros(1), np.zeros(1))
+    grip_left, grip_right = plan.friction if plan.friction is not None else (np.ones(1), np.ones(1))
     return DriveInputs(
         kind=plan.kind,
         parameters=p,
@@ -130,6 +152,11 @@ def make_drive(
         bank=np.zeros(1) if plan.bank is None else plan.bank,
         road_left=left,
         road_right=right,
+        grade=np.zeros(1) if plan.grade is None else plan.grade,
+        friction_left=grip_left,
+        friction_right=grip_right,
+        wind=np.zeros(1) if plan.wind is None else plan.wind,
+        pedal=np.zeros(1) if plan.pedal is None else plan.pedal,
         preview=gains,
         memory=np.zeros(driver.N_MEMORY),
     )

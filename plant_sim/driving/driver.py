@@ -44,8 +44,12 @@ FISHHOOK = 3
     D_YAW_INERTIA,
     D_TRACK,
     D_CORNERING,
-) = range(24)
-N_DRIVER = 24
+    D_CG_HEIGHT,
+    D_WIND_FACTOR,
+    D_WIND_AHEAD,
+    D_WIND_HEIGHT,
+) = range(28)
+N_DRIVER = 28
 
 (M_STATION, M_STEER, M_TRAVELLED, M_PHASE, M_SINCE, M_YAW_REFERENCE) = range(6)
 N_MEMORY = 6
@@ -92,6 +96,16 @@ class DriveInputs(NamedTuple):
     road_left: Vector
     """Road height (m) under the left and the right wheels, at the same steps."""
     road_right: Vector
+    grade: Vector
+    """Road grade (rad), at the same steps."""
+    friction_left: Vector
+    """Road friction under the left and the right wheels, at the same steps; one alone: 1."""
+    friction_right: Vector
+    wind: Vector
+    """Wind along the world's y axis (m/s), at the same steps; one alone: none."""
+    pedal: Vector
+    """Acceleration that the pedals ask for (m/s²), one value per step since the accelerator was
+    released; one alone: 0."""
     preview: Vector
     """Preview gains over speed, see :func:`plant_sim.driving.preview.table`."""
     memory: Vector
@@ -110,6 +124,11 @@ def uncounted(drive: DriveInputs) -> DriveInputs:
         borrowed(drive.bank),
         borrowed(drive.road_left),
         borrowed(drive.road_right),
+        borrowed(drive.grade),
+        borrowed(drive.friction_left),
+        borrowed(drive.friction_right),
+        borrowed(drive.wind),
+        borrowed(drive.pedal),
         borrowed(drive.preview),
         borrowed(drive.memory),
     )
@@ -256,11 +275,57 @@ def _stabilise(outputs: Vector, inputs: Vector, drive: DriveInputs) -> None:
 
 
 @njit
+def _press(time: float, inputs: Vector, drive: DriveInputs) -> None:
+    """Fill drive and brake forces of the pedals, the brakes' by the axles' loads at that braking.
+
+    Brakes of the chassis control are added to those of the pedal.
+    """
+    parameters = drive.parameters
+    since = (time - parameters[D_RELEASE_TIME]) / parameters[D_TIME_STEP]
+    wanted = parameters[D_MASS] * sample(drive.pedal, since)
+    inputs[ports.DRIVE_FORCE] = max(wanted, 0.0)
+    braked = max(-wanted, 0.0)
+    moved = parameters[D_CG_HEIGHT] * braked / (parameters[D_MASS] * GRAVITY)
+    front = (parameters[D_REAR] + moved) / parameters[D_WHEELBASE]
+    for wheel in range(4):
+        share = front if wheel < 2 else 1.0 - front
+        own = inputs[ports.BRAKE_FORCE + wheel] if parameters[D_CHASSIS_CONTROL] != 0.0 else 0.0
+        inputs[ports.BRAKE_FORCE + wheel] = own + 0.5 * share * braked
+
+
+@njit
+def _grip(front: float, rear: float, inputs: Vector, drive: DriveInputs) -> None:
+    """Fill the friction under the wheels of both axles, at those steps of distance."""
+    inputs[ports.WHEEL_FRICTION] = sample(drive.friction_left, front)
+    inputs[ports.WHEEL_FRICTION + 1] = sample(drive.friction_right, front)
+    inputs[ports.WHEEL_FRICTION + 2] = sample(drive.friction_left, rear)
+    inputs[ports.WHEEL_FRICTION + 3] = sample(drive.friction_right, rear)
+    mean = 0.0
+    for wheel in range(4):
+        inputs[ports.WHEEL_FRICTION + wheel] *= drive.parameters[D_FRICTION]
+        mean += 0.25 * inputs[ports.WHEEL_FRICTION + wheel]
+    inputs[ports.FRICTION] = mean
+    for wheel in range(4):
+        inputs[ports.WHEEL_FRICTION + wheel] -= mean
+
+
+@njit
+def _blow(wind: float, outputs: Vector, inputs: Vector, parameters: Vector) -> None:
+    """Fill the force of a ``wind`` (m/s) along the world's y axis: see ``Aerodynamics``."""
+    along = wind * sin(outputs[ports.YAW]) - outputs[ports.VX]
+    across = wind * cos(outputs[ports.YAW]) - outputs[ports.VY]
+    force = parameters[D_WIND_FACTOR] * hypot(along, across) * across
+    inputs[ports.WIND_FORCE] = force
+    inputs[ports.WIND_ROLL] = -parameters[D_WIND_HEIGHT] * force
+    inputs[ports.WIND_YAW] = parameters[D_WIND_AHEAD] * force
+
+
+@njit
 def drive(t_ns: int, outputs: Vector, inputs: Vector, drive: DriveInputs) -> None:
     """Fill ``inputs`` for the step that starts at ``t_ns``, from the ``outputs`` of the last one.
 
-    Writes steering, drive force, bank, friction, road heights or prescribed acceleration, and the
-    path error into ``outputs``; leaves the actuator slots unchanged.
+    Writes steering, drive force, bank, friction, road heights, wind or prescribed acceleration, and
+    the path error into ``outputs``; leaves the actuator slots unchanged.
     """
     parameters, memory = drive.parameters, drive.memory
     time = t_ns * 1e-9
@@ -290,6 +355,8 @@ def drive(t_ns: int, outputs: Vector, inputs: Vector, drive: DriveInputs) -> Non
         ahead += sample(drive.speed, (time + 0.5 * SPEED_LAG) / dt)
         ahead -= sample(drive.speed, (time - 0.5 * SPEED_LAG) / dt)
         inputs[ports.DRIVE_FORCE] = parameters[D_MASS] / SPEED_LAG * (ahead - outputs[ports.VX])
+    elif drive.pedal.size > 1:
+        _press(time, inputs, drive)
     else:
         inputs[ports.DRIVE_FORCE] = 0.0
 
@@ -297,9 +364,14 @@ def drive(t_ns: int, outputs: Vector, inputs: Vector, drive: DriveInputs) -> Non
     step = parameters[D_ROAD_STEP]
     travelled = memory[M_TRAVELLED]
     inputs[ports.BANK] = sample(drive.bank, travelled / step)
+    inputs[ports.GRADE] = sample(drive.grade, travelled / step)
+    front = (travelled + parameters[D_FRONT]) / step
+    rear = (travelled - parameters[D_REAR]) / step
+    if drive.friction_left.size > 1:
+        _grip(front, rear, inputs, drive)
+    if drive.wind.size > 1:
+        _blow(sample(drive.wind, travelled / step), outputs, inputs, parameters)
     if drive.road_left.size > 1:
-        front = (travelled + parameters[D_FRONT]) / step
-        rear = (travelled - parameters[D_REAR]) / step
         inputs[ports.ROAD_HEIGHT] = sample(drive.road_left, front)
         inputs[ports.ROAD_HEIGHT + 1] = sample(drive.road_right, front)
         inputs[ports.ROAD_HEIGHT + 2] = sample(drive.road_left, rear)

@@ -1,6 +1,6 @@
 """The manoeuvres by name: inputs, speeds and durations."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from inspect import Parameter, signature
 from math import isclose
@@ -10,8 +10,8 @@ import numpy as np
 
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.typing import Vector
-from plant_sim.driving import MANEUVERS
-from plant_sim.driving.drive import ManeuverKind, make_drive
+from plant_sim.driving import MANEUVERS, road
+from plant_sim.driving.drive import ManeuverKind, ManeuverPlan, make_drive
 from plant_sim.driving.driver import (
     ACCELERATION_TABLE,
     D_CHASSIS_CONTROL,
@@ -27,6 +27,7 @@ from plant_sim.driving.driver import (
 )
 from plant_sim.kernels.instants import STEP_NS
 from vehicles import Vehicle
+from vehicles.equipment import GUESSED_AIR
 
 __all__ = [
     "STEP_NS",
@@ -79,7 +80,7 @@ def options(name: str) -> dict[str, Any]:
     kind = MANEUVERS[name]
     parameters = signature(kind.plan).parameters.values()
     own = {item.name: item.default for item in parameters if item.kind is Parameter.KEYWORD_ONLY}
-    common = {"friction": kind.friction, "chassis_control": kind.chassis_control}
+    common = {"friction": kind.friction, "chassis_control": kind.chassis_control, "road": ""}
     return {**own, **common, "preview_time": 0.0}
 
 
@@ -122,7 +123,11 @@ class Limits:
 
 
 OPTIONS: Mapping[str, Limits] = {
-    "friction": Limits("", 0.05, 1.5),
+    **dict.fromkeys(
+        ("friction", "friction_left", "friction_right", "friction_after"), Limits("", 0.05, 1.5)
+    ),
+    "crosswind": Limits("m/s", *road.COLUMNS["crosswind"]),
+    "acceleration": Limits("m/s²", -10.0, 5.0),
     "preview_time": Limits("s", 0.3, 3.0),
     "radius": Limits("m", 5.0, 10_000.0),
     "bank_deg": Limits("°", -30.0, 30.0),
@@ -147,6 +152,9 @@ TEXTS: Mapping[str, str] = {
     "unit": "deg, rad, m/s2 or g; default that of the file",
     "speed_column": "signal of the file that is the speed; default speed_kmh of a CSV; none",
     "speed_unit": "km/h, m/s or mph; default that of the file",
+    "road": "CSV of what the car meets over distance: friction, bank, heights, wind, speed",
+    "side": "left, right or both",
+    "shape": "cosine or half_sine",
 }
 """What the texts among them are."""
 
@@ -156,7 +164,8 @@ def describe(key: str, default: Any) -> str:  # noqa: ANN401
     limits = OPTIONS.get(key)
     if limits is None:
         shown = ("off", "on")[default] if isinstance(default, bool) else default
-        return f"default {shown}" if shown else TEXTS.get(key, "no default")
+        what = [f"default {shown}"] if shown else []
+        return ", ".join([*what, *([TEXTS[key]] if key in TEXTS else [])]) or "no default"
     unit = f" {limits.unit}" if limits.unit else ""
     start = (
         "default by vehicle and speed" if key == "preview_time" else f"default {default:g}{unit}"
@@ -216,8 +225,9 @@ def build(
             a manoeuvre with a speed over time.
         seed: seed of the random part of the manoeuvre, the road.
         given: options of :func:`options`; None for the default. Among them are
-            ``preview_time`` (s) of the driver, ``friction`` of the road, and
-            ``chassis_control``, the vehicle's yaw control.
+            ``preview_time`` (s) of the driver, ``friction`` of the road, ``road``, a file of
+            :func:`plant_sim.driving.road.on_road`, and ``chassis_control``, the vehicle's yaw
+            control.
 
     Raises:
         UnknownNameError: there is no manoeuvre or option of that name.
@@ -230,7 +240,12 @@ def build(
     chosen = {**options(name), **_checked(name, given)}
     effective = {key: value for key, value in chosen.items() if value != ""}
     common = {key: chosen.pop(key) for key in ("friction", "chassis_control", "preview_time")}
+    file = chosen.pop("road")
     plan = kind.plan(vehicle, entry, seed, **chosen)
+    standard = kind.standard
+    if file:
+        plan = road.on_road(plan, file)
+        standard += "" if standard == "none" else ", non-standard: on the road of a file"
     if plan.speed is not None:
         _check_speeds(kind, plan.speed)
         entry = float(plan.speed[0])
@@ -239,7 +254,6 @@ def build(
                 f"speed {speed * 3.6:g} km/h: this {kind.title} has a speed over time, "
                 f"{entry * 3.6:g} km/h at its start: omit --speed"
             )
-    standard = kind.standard
     if name == "double_lane_change":
         if entry * 3.6 > 80.5:
             standard += ", non-standard: driven faster than 80 km/h"
@@ -258,8 +272,14 @@ def build(
         duration_ns=round(plan.duration * 1e9 / STEP_NS) * STEP_NS,
         drive=drive,
         options=effective,
-        remarks=plan.remarks,
+        remarks=(*plan.remarks, *_guesses(vehicle, plan)),
     )
+
+
+def _guesses(vehicle: Vehicle, plan: ManeuverPlan) -> Iterator[str]:
+    """Yield what a manoeuvre needs that the vehicle's file does not have."""
+    if plan.wind is not None and vehicle.aerodynamics is None:
+        yield f"{vehicle.name} has no [aerodynamics] for the wind, {GUESSED_AIR}"
 
 
 def _check_speeds(kind: ManeuverKind, speeds: Vector) -> None:
@@ -329,6 +349,10 @@ def straightened(maneuver: Maneuver, steer: Vector, speed: Vector, duration: flo
             bank=drive.bank[:passed],
             road_left=drive.road_left[:passed],
             road_right=drive.road_right[:passed],
+            grade=drive.grade[:passed],
+            friction_left=drive.friction_left[:passed],
+            friction_right=drive.friction_right[:passed],
+            wind=drive.wind[:passed],
             memory=np.zeros(N_MEMORY),
         ),
     )

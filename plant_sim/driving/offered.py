@@ -16,6 +16,7 @@ from plant_sim.driving.driver import ACCELERATION_TABLE, FISHHOOK, FOLLOW_PATH, 
 from vehicles import Vehicle
 
 KINDS = (FOLLOW_PATH, STEER_TABLE, ACCELERATION_TABLE, FISHHOOK)
+ROWS = ("table", "bank", "grade", "wind", "pedal", "speed")
 LONGEST = 600.0
 """Longest manoeuvre, s: its signals are kept in memory, a value a millisecond."""
 
@@ -78,9 +79,9 @@ def check_plan(plan: ManeuverPlan) -> None:
         value = getattr(plan, field.name)
         if field.name in ("table_step", "road_step") and not 0.0 < value < np.inf:
             raise CanrollError(f"{field.name} {value:g}: it must be above 0")
-        if field.name in ("table", "bank", "speed") and value is not None:
+        if field.name in ROWS and value is not None:
             _row(field.name, value, 1)
-        if field.name in ("path_xy", "road") and value is not None:
+        if field.name in ("path_xy", "road", "friction") and value is not None:
             if len(value) != 2 or np.shape(value[0]) != np.shape(value[1]):
                 raise CanrollError(f"{field.name} must be two arrays of one length")
             for row in value:

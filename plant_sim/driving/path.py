@@ -52,6 +52,12 @@ def obstacle_avoidance(width: float) -> tuple[Lane, ...]:
     )
 
 
+def straight(length: float) -> XY:
+    """A straight of that ``length`` (m) along x."""
+    x = np.arange(0.0, length, STEP)
+    return x, np.zeros_like(x)
+
+
 def through(lanes: tuple[Lane, ...], *, approach: float, run_out: float) -> XY:
     """The driver's target line: along each lane's centre, half cosines in between.
 

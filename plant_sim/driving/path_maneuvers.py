@@ -1,16 +1,18 @@
-"""Manoeuvres of a driver on a path: lane changes, circles, straights over rough road.
+"""Manoeuvres on a path: lane changes, circles, straights over rough or slippery road and in wind.
 
 Every function plans one manoeuvre from the vehicle, the entry speed (m/s), a seed for its random
 part, and its own options.
 """
 
-from math import pi, radians
+from math import inf, pi, radians
+from typing import Any
 
 import numpy as np
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.driving import path, road
-from plant_sim.driving.drive import GRIP_USED, ManeuverKind, ManeuverPlan
+from plant_sim.driving.drive import GRIP_USED, ManeuverKind, ManeuverPlan, pedal
+from plant_sim.driving.driver import STEER_TABLE
 from plant_sim.driving.line import through_gates
 from vehicles import GRAVITY, Vehicle
 
@@ -122,9 +124,8 @@ def banked_curve(
     )
 
 
-def _straight(length: float) -> path.XY:
-    x = np.arange(0.0, length, path.STEP)
-    return x, np.zeros_like(x)
+SIDES = ("left", "right", "both")
+"""Wheels that bumps are under."""
 
 
 def bumps(
@@ -136,16 +137,31 @@ def bumps(
     length: float = 1.5,
     spacing: float = 12.0,
     count: float = 4.0,
+    side: str = "left",
+    shape: str = "cosine",
 ) -> ManeuverPlan:
-    """Straight ahead over ``count`` bumps under the left wheels only; height and lengths in m."""
+    """Straight ahead over ``count`` bumps; height and lengths in m.
+
+    Under the wheels of a ``side``, or ``both``; of a ``shape`` of :data:`road.SHAPES`.
+    """
     if count != int(count):
         raise CanrollError(f"option count of bumps: {count:g} must be a whole number")
-    left = road.bumps(height=height, length=length, spacing=spacing, count=int(count), start=20.0)
+    if side not in SIDES:
+        raise UnknownNameError("side of bumps", side, SIDES)
+    profile = road.bumps(
+        height=height,
+        length=length,
+        spacing=spacing,
+        count=int(count),
+        start=20.0,
+        shape=shape,
+    )
+    level = np.zeros_like(profile)
     distance = 20.0 + count * spacing + 2.0 * speed
     return ManeuverPlan(
         distance / speed,
-        path_xy=_straight(distance + 5 * speed),
-        road=(left, np.zeros_like(left)),
+        path_xy=path.straight(distance + 5 * speed),
+        road=(level if side == "right" else profile, level if side == "left" else profile),
         road_step=road.STEP,
     )
 
@@ -159,10 +175,108 @@ def random_road(
     width = geometry.half_track_front + geometry.half_track_rear
     return ManeuverPlan(
         duration,
-        path_xy=_straight(distance + 5 * speed),
+        path_xy=path.straight(distance + 5 * speed),
         road=road.random_tracks(road_class, length=distance, track=width, seed=seed),
         road_step=road.STEP,
     )
+
+
+BEFORE = 0.5
+"""Straight running before a gust or the brakes (s)."""
+AFTER = 2.5
+"""Time after a gust (s)."""
+
+
+def _straight_on(distance: float, *, driver: bool) -> dict[str, Any]:
+    """What keeps a car straight over that distance (m): its driver, or a fixed steering wheel."""
+    if driver:
+        return {"path_xy": path.straight(distance)}
+    return {"kind": STEER_TABLE, "table": np.zeros(1), "steer_rate": inf}
+
+
+def crosswind(
+    vehicle: Vehicle,
+    speed: float,
+    _seed: int,
+    *,
+    crosswind: float = 20.0,
+    length: float = 30.0,
+    driver: bool = False,
+) -> ManeuverPlan:
+    """ISO 12021: straight ahead past a wind generator, the steering wheel fixed or with a driver.
+
+    ``crosswind`` (m/s), to the left if positive, over ``length`` (m). Its force grows as the car
+    comes in and falls as it goes out.
+    """
+    geometry = vehicle.geometry
+    begin = BEFORE * speed
+    front, rear = geometry.cg_to_front_axle + OVERHANG, geometry.cg_to_rear_axle + OVERHANG
+    edges = begin + front + np.array([-front, rear, length - front, length + rear])
+    # a zone shorter than the car never blows on all of it
+    edges[1:3], part = np.sort(edges[1:3]), min(1.0, length / (front + rear))
+    duration = (float(edges[-1])) / speed + AFTER
+    at = np.arange(0.0, float(edges[-1]) + 2 * road.STEP, road.STEP)
+    return ManeuverPlan(
+        duration,
+        wind=np.interp(at, edges, crosswind * part * np.array([0.0, 1.0, 1.0, 0.0])),
+        road_step=road.STEP,
+        **_straight_on((duration + 5.0) * speed, driver=driver),
+    )
+
+
+def _braking(
+    vehicle: Vehicle, speed: float, friction: tuple[float, float], braked: float, *, driver: bool
+) -> ManeuverPlan:
+    """Braking by ``braked`` (m/s²) from where the road has that friction, left and right."""
+    begin = BEFORE * speed
+    wheels = vehicle.geometry.cg_to_front_axle
+    at = np.arange(0.0, begin + wheels + 2 * road.STEP, road.STEP)
+    changed = np.interp(at, [begin + wheels, begin + wheels + road.STEP], [0.0, 1.0])
+    grip = 0.5 * sum(friction) * vehicle.tyre.friction * GRAVITY
+    duration = BEFORE + (speed - min(STOPPED, 0.5 * speed)) / min(braked, grip)
+    return ManeuverPlan(
+        duration,
+        friction=tuple(1.0 + (side - 1.0) * changed for side in friction),
+        road_step=road.STEP,
+        release_time=BEFORE,
+        pedal=pedal(-braked),
+        **_straight_on((duration + 5.0) * speed, driver=driver),
+    )
+
+
+STOPPED = 10.0 / 3.6
+"""Speed (m/s) at which braking on a straight ends."""
+
+
+def split_friction(
+    vehicle: Vehicle,
+    speed: float,
+    _seed: int,
+    *,
+    friction_left: float = 1.0,
+    friction_right: float = 0.3,
+    deceleration: float = 5.0,
+    driver: bool = False,
+) -> ManeuverPlan:
+    """ISO 14512: braking on a road that is slippery on one side; no anti-lock control.
+
+    The frictions are in multiples of the option ``friction``; ``deceleration`` (m/s²) is what the
+    brakes would give on dry road.
+    """
+    return _braking(vehicle, speed, (friction_left, friction_right), deceleration, driver=driver)
+
+
+def friction_jump(
+    vehicle: Vehicle,
+    speed: float,
+    _seed: int,
+    *,
+    friction_after: float = 0.3,
+    deceleration: float = 5.0,
+    driver: bool = False,
+) -> ManeuverPlan:
+    """Braking at the place from where on the road is slippery; no anti-lock control."""
+    return _braking(vehicle, speed, (friction_after,) * 2, deceleration, driver=driver)
 
 
 DOUBLE_LANE_CHANGE = ManeuverKind(
@@ -179,7 +293,13 @@ CONSTANT_RADIUS = ManeuverKind("constant radius", 60.0, 160.0, "ISO 4138", const
 """Circle of constant radius, ISO 4138."""
 BANKED_CURVE = ManeuverKind("banked curve", 80.0, 160.0, "none", banked_curve)
 """Curve on a banked road."""
-BUMPS = ManeuverKind("one-sided bumps", 40.0, 120.0, "none", bumps)
-"""Bumps under the wheels of one side."""
+BUMPS = ManeuverKind("bumps", 40.0, 120.0, "none", bumps)
+"""Bumps under the wheels of one side or both, one or several."""
+CROSSWIND = ManeuverKind("crosswind gust", 100.0, 200.0, "ISO 12021", crosswind)
+"""Crosswind gust, ISO 12021."""
+SPLIT_FRICTION = ManeuverKind("braking on split friction", 80.0, 160.0, "ISO 14512", split_friction)
+"""Braking on split friction, ISO 14512."""
+FRICTION_JUMP = ManeuverKind("braking on a friction jump", 80.0, 160.0, "none", friction_jump)
+"""Braking at a jump of friction."""
 RANDOM_ROAD = ManeuverKind("random road", 80.0, 160.0, "ISO 8608", random_road)
 """Straight on over a rough road, ISO 8608."""

@@ -1,12 +1,18 @@
-"""Road surfaces: bumps, and random roads after ISO 8608 with two correlated wheel tracks."""
+"""What a car meets over distance: bumps, random roads after ISO 8608, and roads of a file."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
+from math import pi, radians
 
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.errors import UnknownNameError
+from canroll.errors import CanrollError, UnknownNameError
 from canroll.typing import Vector
+from plant_sim.driving import signal_file
+from plant_sim.driving.drive import ManeuverPlan
+from plant_sim.kernels.instants import STEP_NS
 
 STEP = 0.05
 """Distance between the points of a road profile (m)."""
@@ -19,14 +25,29 @@ LOWEST_FREQUENCY = 0.011
 HIGHEST_FREQUENCY = 2.83
 
 
-def bumps(*, height: float, length: float, spacing: float, count: int, start: float) -> Vector:
-    """Cosine bumps of ``height`` over ``length``, the first at ``start`` (all m)."""
+SHAPES = ("cosine", "half_sine")
+"""Of a bump: a whole cosine, which begins and ends level, or half a sine."""
+
+
+def bumps(
+    *, height: float, length: float, spacing: float, count: int, start: float, shape: str = "cosine"
+) -> Vector:
+    """Bumps of ``height`` over ``length``, the first at ``start`` (all m).
+
+    Raises:
+        UnknownNameError: a shape that is none of :data:`SHAPES`.
+    """
+    if shape not in SHAPES:
+        raise UnknownNameError("shape of bumps", shape, SHAPES)
     s = np.arange(0.0, start + count * spacing + 2 * length, STEP)
     profile = np.zeros_like(s)
     for i in range(count):
         part = (s - start - i * spacing) / length
         inside = (part > 0) & (part < 1)
-        profile[inside] = 0.5 * height * (1 - np.cos(2 * np.pi * part[inside]))
+        if shape == "cosine":
+            profile[inside] = 0.5 * height * (1 - np.cos(2 * np.pi * part[inside]))
+        else:
+            profile[inside] = height * np.sin(pi * part[inside])
     return profile
 
 
@@ -74,3 +95,90 @@ def _spectrum(amplitude: Vector, phase: Vector) -> NDArray[np.complex128]:
     np.exp(spectrum, out=spectrum)
     spectrum *= amplitude
     return spectrum
+
+
+COLUMNS: Mapping[str, tuple[float, float]] = {
+    "bank_deg": (-30.0, 30.0),
+    "grade_deg": (-20.0, 20.0),
+    "height_left": (-1.0, 1.0),
+    "height_right": (-1.0, 1.0),
+    "friction_left": (0.05, 1.5),
+    "friction_right": (0.05, 1.5),
+    "crosswind": (-60.0, 60.0),
+    "speed_kmh": (5.0, 300.0),
+}
+"""Columns of a road's file over its column ``distance`` (m), with their ranges: degrees, heights in
+m, friction in multiples of the option ``friction``, wind along the world's y axis in m/s, and the
+speed to be driven."""
+_PAIRS = {"road": ("height_left", "height_right"), "friction": ("friction_left", "friction_right")}
+LONGEST = 100_000.0
+"""Longest road of a file (m)."""
+
+
+def on_road(plan: ManeuverPlan, file: str) -> ManeuverPlan:
+    """Return the plan on the road of a file: its columns replace what the plan has of them.
+
+    Between the rows values are linear, before the first and after the last they stay.
+
+    Raises:
+        UnknownNameError: a column that is none of :data:`COLUMNS`.
+        CanrollError: an unreadable file, a number out of range, or one side without the other.
+    """
+    given = {signal.name: signal for signal in signal_file.read_over(file, "distance", COLUMNS)}
+    for name, signal in given.items():
+        low, high = COLUMNS[name]
+        outside = (signal.values < low) | (signal.values > high)
+        if outside.any():
+            value = signal.values[np.argmax(outside)]
+            raise CanrollError(f"{file}: {name} {value:g}: must be {low:g} to {high:g}")
+    for pair in _PAIRS.values():
+        if len(set(pair) & set(given)) == 1:
+            raise CanrollError(f"{file}: it needs both {' and '.join(pair)}")
+    length = max(signal.times[-1] for signal in given.values())
+    if not 0.0 < length <= LONGEST:
+        raise CanrollError(f"{file}: a distance of {length:g} m: must end at 0 to {LONGEST:g} m")
+    plan = _stepped(plan)
+    at = np.arange(0.0, length + STEP, STEP)
+    columns = {name: np.interp(at, signal.times, signal.values) for name, signal in given.items()}
+    changes: dict[str, Vector | tuple[Vector, ...]] = {}
+    for field, column in (("bank", "bank_deg"), ("grade", "grade_deg")):
+        if column in columns:
+            changes[field] = radians(1.0) * columns[column]
+    for field, pair in _PAIRS.items():
+        if pair[0] in columns:
+            changes[field] = tuple(columns[name] for name in pair)
+    if "crosswind" in columns:
+        changes["wind"] = columns["crosswind"]
+    if "speed_kmh" in columns:
+        changes["speed"] = _over_time(columns["speed_kmh"] / 3.6, plan.duration)
+    return replace(plan, **changes)  # type: ignore[arg-type]
+
+
+def _stepped(plan: ManeuverPlan) -> ManeuverPlan:
+    """Return the plan with steps of :data:`STEP` of distance."""
+    if plan.road_step == STEP:
+        return plan
+
+    def finer(values: Vector) -> Vector:
+        length = (len(values) - 1) * plan.road_step
+        at = np.arange(0.0, length + STEP, STEP)
+        fine: Vector = np.interp(at, plan.road_step * np.arange(len(values)), values)
+        return fine
+
+    changes: dict[str, Vector | tuple[Vector, ...]] = {}
+    for field in ("bank", "grade", "road", "friction", "wind"):
+        value = getattr(plan, field)
+        if isinstance(value, tuple):
+            changes[field] = tuple(map(finer, value))
+        elif value is not None:
+            changes[field] = finer(value)
+    return replace(plan, road_step=STEP, **changes)  # type: ignore[arg-type]
+
+
+def _over_time(speed: Vector, duration: float) -> Vector:
+    """Return a speed over steps of distance (m/s) as one over steps of time, for that time (s)."""
+    slowness = 1.0 / speed
+    passed = np.append(0.0, np.cumsum(0.5 * STEP * (slowness[1:] + slowness[:-1])))
+    at = np.arange(0.0, duration, STEP_NS * 1e-9)
+    driven: Vector = np.interp(at, passed, speed)
+    return driven

@@ -6,7 +6,7 @@ and a CSV has a column ``time``.
 
 import csv
 import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import lru_cache
@@ -114,6 +114,30 @@ def read(file: str, names: Sequence[str], dbc: str = "") -> tuple[Signal, ...]:
     return _read(file, tuple(names), dbc, (_state(path), _state(Path(dbc))))
 
 
+def read_over(file: str, over: str, known: Collection[str]) -> tuple[Signal, ...]:
+    """Return all columns of a CSV over another one, whose values are their ``times``.
+
+    Args:
+        file: the file.
+        over: name of the column that increases, such as ``distance``.
+        known: names that the others may have.
+
+    Raises:
+        UnknownNameError: another column.
+        CanrollError: the file cannot be read, or a column has no two values.
+    """
+    path = Path(file)
+    rows = list(_rows(path))
+    names = [name.strip() for name in rows[0][1]] if rows else []
+    others = [name for name in names if name != over]
+    for name in others:
+        if name not in known:
+            raise UnknownNameError(f"column of {path}", name, (over, *known))
+    if not others:
+        raise CanrollError(f"{path}: it needs the columns {over} and one of {', '.join(known)}")
+    return tuple(_of_csv(path, rows, name, over) for name in others)
+
+
 def is_csv(file: str, dbc: str = "") -> bool:
     """Whether a file is read as a CSV: whatever is no MF4 and no bus log."""
     return not dbc and (log_name(file) is None or Path(file).suffix.lower() == ".csv")
@@ -160,31 +184,31 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise CanrollError(f"cannot read signal file {path}: {reason(error)}") from error
 
 
-def _of_csv(path: Path, rows: list[tuple[int, list[str]]], name: str) -> Signal:
+def _of_csv(path: Path, rows: list[tuple[int, list[str]]], name: str, over: str = "time") -> Signal:
     header = [text.strip() for text in rows[0][1]] if rows else []
-    if header.count(name) != 1 or header.count("time") != 1:
+    if header.count(name) != 1 or header.count(over) != 1:
         raise CanrollError(
-            f"{path}: line 1: the header must name the columns time and {name} once; it has "
+            f"{path}: line 1: the header must name the columns {over} and {name} once; it has "
             f"{', '.join(header) or 'none'}"
         )
-    places = header.index("time"), header.index(name)
+    places = header.index(over), header.index(name)
     numbers: list[tuple[float, float]] = []
     for line, row in rows[1:]:
         try:
-            time, value = (float(row[place]) for place in places)
+            at, value = (float(row[place]) for place in places)
         except (ValueError, IndexError) as error:
             raise CanrollError(
-                f"{path}: line {line}: expected two numbers, time and {name}, got {row}"
+                f"{path}: line {line}: expected two numbers, {over} and {name}, got {row}"
             ) from error
-        if not np.isfinite([time, value]).all():
+        if not np.isfinite([at, value]).all():
             raise CanrollError(f"{path}: line {line}: not a finite number")
-        if numbers and time <= numbers[-1][0]:
-            raise CanrollError(f"{path}: line {line}: time must increase")
-        numbers.append((time, value))
+        if numbers and at <= numbers[-1][0]:
+            raise CanrollError(f"{path}: line {line}: {over} must increase")
+        numbers.append((at, value))
     if len(numbers) < 2:
         raise CanrollError(f"{path}: at least two rows of numbers are required")
-    times, values = np.array(numbers).T
-    return _checked(path, Signal(name, CSV_UNITS.get(name, ""), times, values))
+    at_all, values = np.array(numbers).T
+    return _checked(path, Signal(name, CSV_UNITS.get(name, ""), at_all, values))
 
 
 def _of_mf4(path: Path, names: tuple[str, ...]) -> tuple[Signal, ...]:

@@ -1,4 +1,4 @@
-"""Manoeuvres of a steering robot: step, sweep, fishhook, J-turn, sine with dwell, and braking.
+"""Manoeuvres of a steering robot: step, sweep, fishhook, J-turn, sine with dwell, and curves.
 
 The robots of FMVSS 126 and of NHTSA's rollover tests scale their steering by the angle at which
 the car corners at 0.3 g at 80 km/h; here that is the linear car's.
@@ -10,7 +10,7 @@ import numpy as np
 
 from canroll.errors import CanrollError
 from canroll.typing import Vector
-from plant_sim.driving.drive import ManeuverKind, ManeuverPlan, steady_steer
+from plant_sim.driving.drive import ManeuverKind, ManeuverPlan, pedal, steady_steer
 from plant_sim.driving.driver import FISHHOOK, STEER_TABLE
 from vehicles import GRAVITY, Vehicle
 
@@ -140,6 +140,34 @@ def braking_in_curve(
     )
 
 
+def power_off_in_curve(
+    vehicle: Vehicle,
+    speed: float,
+    _seed: int,
+    *,
+    radius: float = 100.0,
+    acceleration: float = -0.7,
+) -> ManeuverPlan:
+    """ISO 9816: the accelerator is released with the steering of a steady circle held.
+
+    The angle is that of the linear car. ``acceleration`` (m/s²) is what engine and pedals ask for
+    from then on: the drag of an engine in gear if negative, power-on if positive.
+    """
+    angle = steady_steer(vehicle, speed, speed**2 / radius)
+    amplitude = min(angle, vehicle.steering.angle_limit)
+    begin, after = START + ENTRY + STEADY, 4.0
+    time = np.arange(0.0, begin + after, TABLE_STEP)
+    return ManeuverPlan(
+        begin + after,
+        kind=STEER_TABLE,
+        table=amplitude * np.clip((time - START) / ENTRY, 0.0, 1.0),
+        table_step=TABLE_STEP,
+        release_time=begin,
+        pedal=pedal(acceleration),
+        steer_rate=inf,
+    )
+
+
 def j_turn(vehicle: Vehicle, _speed: float, _seed: int, *, scale: float = 8.0) -> ManeuverPlan:
     """NHTSA's J-turn: one ramp at 1000 degrees/s at the steering wheel, held 4 s, back in 2 s."""
     rate = radians(1000.0) / vehicle.steering.ratio
@@ -192,6 +220,10 @@ NHTSA_FISHHOOK = ManeuverKind(
     "fishhook", 80.0, 120.0, "NHTSA roll-rate feedback fishhook", fishhook
 )
 """Fishhook with roll-rate feedback, NHTSA."""
+POWER_OFF_IN_CURVE = ManeuverKind(
+    "power-off in a curve", 80.0, 160.0, "ISO 9816", power_off_in_curve
+)
+"""Power-off in a curve, ISO 9816."""
 J_TURN = ManeuverKind("J-turn", 80.0, 120.0, "NHTSA J-turn", j_turn)
 """J-turn, NHTSA."""
 SINE_WITH_DWELL = ManeuverKind("sine with dwell", 80.0, 120.0, "FMVSS 126", sine_with_dwell)

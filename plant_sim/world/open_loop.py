@@ -64,7 +64,8 @@ def start(
 
     Raises:
         CanrollError: the manoeuvre prescribes the lateral acceleration, but the body computes it
-            from its tyres; or it prescribes a speed over time, but the body keeps its own.
+            from its tyres; or it prescribes a speed over time, but the body keeps its own; or it
+            has wind, friction over distance or braking, of which the body has none.
     """
     if maneuver.drive.kind == ACCELERATION_TABLE and body.name != "roll1":
         raise CanrollError(
@@ -76,6 +77,14 @@ def start(
             f"a speed over time cannot be driven on {body.name}, which keeps its entry speed: "
             "choose --plant nonlinear, or leave it out (from_file: --set speed_column=none)"
         )
+    drive = maneuver.drive
+    for needs, has, what in (
+        (len(drive.friction_left) > 1, body.friction, "friction over distance has no effect"),
+        (len(drive.wind) > 1, body.wind, "wind has no effect"),
+        (len(drive.pedal) > 1, not body.constant_speed, "pedals have no effect"),
+    ):
+        if needs and not has:
+            raise CanrollError(f"{maneuver.title}: {what} on {body.name}: --plant nonlinear")
     state, parameters = body.build(vehicle, maneuver.speed)
     inputs, outputs = initial_inputs(), np.zeros(ports.N_OUTPUTS)
     advance(body.step, state, inputs, parameters, outputs, 0.0)

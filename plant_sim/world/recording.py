@@ -11,12 +11,16 @@ from plant_sim.bodies.ports import Port
 from plant_sim.kernels.jit import njit
 from plant_sim.nodes import actuator_kernel, envelope
 from plant_sim.nodes.actuator_kernel import ActuatorNode
+from plant_sim.nodes.actuator_models import TRACK_FRONT
 
 INPUTS = ports.N_OUTPUTS
 ACTUATOR = INPUTS + ports.N_INPUTS
-N_COLUMNS = ACTUATOR + 14
+N_COLUMNS = ACTUATOR + 16
 
-RECORDED = ("steer", "bank", "friction", "corner_force", "bar_moment", "valve_current")
+RECORDED = (
+    *("steer", "bank", "friction", "corner_force", "bar_moment", "valve_current"),
+    *("wheel_friction", "wind_force"),
+)
 """Inputs of the body that are recorded, in order."""
 PORTS = (
     *(port for port in ports.OUTPUTS if port.recorded),
@@ -33,12 +37,14 @@ PORTS = (
     Port("command_held", ACTUATOR + 8),
     Port("status", ACTUATOR + 9, number=4),
     Port("envelope", ACTUATOR + 13),
+    Port("actuator_power", ACTUATOR + 14, "W", 2),
 )
 """What is recorded; slots are columns."""
 SIGNALS: dict[str, int] = {name: slot for port in PORTS for name, slot in port.slots.items()}
 """Column of each recorded signal, SI units. ``demand``: the accepted command by channel (N, N·m or
 mA); ``moment``: delivered roll moment on the body by axle; ``status``: 0 OK, 1 limited, 2 stuck,
-3 floating; ``envelope``: 1 where the actuators' envelope refuses the command."""
+3 floating; ``envelope``: 1 where the actuators' envelope refuses the command; ``actuator_power``:
+what the actuators of an axle give to body and wheels."""
 
 NAMES = ("time", *SIGNALS)
 """The recorded signals in order; ``time`` in s."""
@@ -61,6 +67,25 @@ COMMAND = np.dtype(
 
 
 @njit
+def _power(
+    node: ActuatorNode,
+    axle: int,
+    outputs: NDArray[np.float64],
+    inputs: NDArray[np.float64],
+) -> float:
+    """Power (W) of an axle's actuators: forces times travel rates, moments times their twist's."""
+    left = 2 * axle
+    left_rate = outputs[ports.TRAVEL_RATE + left]
+    right_rate = outputs[ports.TRAVEL_RATE + left + 1]
+    if node.flag[actuator_kernel.KIND] in (actuator_kernel.SUSPENSION, actuator_kernel.DAMPERS):
+        force = ports.CORNER_FORCE + left
+        return float(inputs[force] * left_rate + inputs[force + 1] * right_rate)
+    moment = node.state[actuator_kernel.DELIVERED + axle]
+    twist = (left_rate - right_rate) / (2.0 * node.setting[TRACK_FRONT + axle])
+    return float(moment * twist)
+
+
+@njit
 def record(
     rows: NDArray[np.float64],
     number: int,
@@ -80,6 +105,8 @@ def record(
         row[ACTUATOR + 9 + i] = node.flag[actuator_kernel.STATUS + i]
     row[ACTUATOR + 8] = node.flag[actuator_kernel.HELD]
     row[ACTUATOR + 13] = node.envelope.memory[envelope.ACTED]
+    for axle in range(2):
+        row[ACTUATOR + 14 + axle] = _power(node, axle, outputs, inputs)
 
 
 @dataclass(frozen=True, slots=True)

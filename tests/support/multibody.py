@@ -248,7 +248,8 @@ class Car:
 
         spin, side_slip = state.spin[wheel], state.slip[wheel]
         load = tyre.normal(loaded, contact[2] / upright, upright)
-        long, lateral = tyre.horizontal(load, inputs[ports.FRICTION], along, spin, side_slip)
+        friction = inputs[ports.FRICTION] + inputs[ports.WHEEL_FRICTION + wheel]
+        long, lateral = tyre.horizontal(load, friction, along, spin, side_slip)
         force = long * ahead + lateral * aside + load * NORMAL
         sense = spin / max(abs(spin), 1.0)
         resistance = self.vehicle.tyre.rolling_resistance * load * sense
@@ -270,6 +271,11 @@ class Car:
         self._suspend(state, inputs, applied)
         for wheel in range(4):
             self._roll(wheel, state, inputs, applied, motion)
+        # the wind, from the road under the whole car's CG
+        wind = np.array([0.0, inputs[ports.WIND_FORCE], 0.0])
+        turned = np.array([inputs[ports.WIND_ROLL], 0.0, inputs[ports.WIND_YAW]])
+        under = np.array([-self.vehicle.sprung_cg_offset, 0.0, 0.0])
+        mujoco.mj_applyFT(model, data, wind, turned, under, self.sprung, applied)
         mujoco.mj_forward(model, data)
         mujoco.mj_rnePostConstraint(model, data)
 

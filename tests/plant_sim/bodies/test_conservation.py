@@ -73,17 +73,28 @@ class Balance:
             "relative": self.state[car.SPIN + wheel] - turning @ axis,
         }
 
+    @property
+    def wind(self):
+        """Force of the wind, and its moment about the foot of P."""
+        force = vector(0, self.inputs[ports.WIND_FORCE], 0)
+        about_cg = vector(self.inputs[ports.WIND_ROLL], 0, self.inputs[ports.WIND_YAW])
+        return force, about_cg - np.cross([self.vehicle.sprung_cg_offset, 0, 0], force)
+
     def force(self):
-        return sum(road["force"] for road in self.road) + self.vehicle.total_mass * self.weight
+        on_wheels = sum(road["force"] for road in self.road)
+        return on_wheels + self.vehicle.total_mass * self.weight + self.wind[0]
 
     def moment(self):
         on_wheels = sum(np.cross(road["at"], road["force"]) + road["couple"] for road in self.road)
         weights = (np.cross(p.place, p.mass * self.weight) for p in self.bodies.parts)
-        return on_wheels + sum(weights)
+        return on_wheels + sum(weights) + self.wind[1]
 
     def power(self):
         spins = self.state[car.SPIN : car.SPIN + 4]
         total = sum(p.mass * self.weight @ p.velocity for p in self.bodies.parts)
+        body, (force, moment) = self.bodies.parts[0], self.wind
+        at_foot = body.velocity - np.cross(body.turning, body.place)
+        total += force @ at_foot + moment @ body.turning
         for wheel, road in enumerate(self.road):
             total += road["force"] @ road["slip"] + road["about"] * spins[wheel]
             total += self.results[car.R_SHAFT + wheel] * road["relative"]
@@ -129,6 +140,10 @@ FLAT = {
     ports.BAR_MOMENT_FRONT: some(-2000, 2000),
     ports.BAR_MOMENT_REAR: some(-2000, 2000),
     ports.FRICTION: some(0.2, 1.0),
+    ports.WHEEL_FRICTION: four(-0.15, 0.15),
+    ports.WIND_FORCE: some(-5000, 5000),
+    ports.WIND_ROLL: some(-6000, 6000),
+    ports.WIND_YAW: some(-5000, 5000),
 }
 BUMPY = FLAT | {ports.ROAD_HEIGHT: four(-0.03, 0.03)}
 SLOPING = BUMPY | {ports.BANK: some(-0.5, 0.5), ports.GRADE: some(-0.2, 0.2)}

@@ -137,6 +137,8 @@ def wild(rng, car):
     inputs[ports.BANK] = rng.uniform(-0.3, 0.3)
     inputs[ports.GRADE] = rng.uniform(-0.15, 0.15)
     inputs[ports.FRICTION] = rng.uniform(0.2, 1.2)
+    inputs[ports.WHEEL_FRICTION : ports.WHEEL_FRICTION + 4] = rng.uniform(-0.15, 0.15, 4)
+    inputs[ports.WIND_FORCE : ports.WIND_YAW + 1] = rng.uniform(-5e3, 5e3, 3)
     speed = rng.choice([rng.uniform(-5.0, 5.0), rng.uniform(5.0, 40.0)], p=[0.2, 0.8])
     state = State(
         velocity=np.array([speed, rng.uniform(-0.3, 0.3) * speed]),
@@ -167,6 +169,7 @@ def test_a_wheel_spins_by_the_torques_on_its_own_axis():
         state, inputs = wild(rng, car)
         state.spin[:] = np.abs(state.spin) + 1.0
         inputs[ports.FRICTION] = 0.0  # no force of the tyre along the road
+        inputs[ports.WHEEL_FRICTION : ports.WHEEL_FRICTION + 4] = 0.0
         motion = car.motion(state, inputs)
         static = np.repeat([t.static for t in car.tyres], 2)
         drive = inputs[ports.DRIVE_FORCE] * static / (car.vehicle.total_mass * vehicles.GRAVITY)
