@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import dbc
 from canroll.reaction.harm import PATH_ERROR, ROLL_ANGLE, HarmLimit
+from canroll.runs.ride import SAMPLE, W_D, W_E, W_K, Weighting, weighted_rms
 from canroll.runs.trace import Trace
 from canroll.typing import Vector
 from firmware.state import ACTIVE, DEGRADED
@@ -24,6 +25,10 @@ from vehicles import Vehicle
 
 MOMENTS = tuple(f"moment_{axle}" for axle in AXLES)
 """Anti-roll moments on the body from the actuators, by axle."""
+
+
+POWERS = tuple(f"actuator_power_{axle}" for axle in AXLES)
+"""Power that the actuators give to body and wheels, by axle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +147,39 @@ def _transfer_max(signals: Signals, names: Sequence[str]) -> float | None:
     )
 
 
+def _weighted(weighting: Weighting) -> Compute:
+    """Frequency-weighted RMS of a signal; None if the plant does not have it."""
+
+    def compute(signals: Signals, names: Sequence[str]) -> float | None:
+        if not _has(signals, names):
+            return None
+        return weighted_rms(weighting, (part for (part,) in pieces(signals, *names)))
+
+    return compute
+
+
+def _power(
+    reduce: Callable[[Vector], float], gather: Callable[[Sequence[float]], float]
+) -> Compute:
+    """A figure of the actuators' power, reduced over pieces of the run; None without travels."""
+
+    def compute(signals: Signals, names: Sequence[str]) -> float | None:
+        if not _has(signals, names):
+            return None
+        return float(gather([reduce(_sum(parts)) for parts in pieces(signals, *names)] or [0.0]))
+
+    return compute
+
+
+def _has(signals: Signals, names: Sequence[str]) -> bool:
+    """Whether a run has signals; one of an older version or of an FMU may lack them."""
+    return all(name in signals for name in names) and _has_loads(signals, names)
+
+
+def _work(power: Vector) -> float:
+    return float(np.sum(power)) * SAMPLE
+
+
 def _ever(signals: Signals, names: Sequence[str]) -> bool:
     return any(np.any(piece > 0) for (piece,) in pieces(signals, *names))
 
@@ -230,6 +268,19 @@ class Metrics:
     moment_max_nm: float = metric("moment max", "N·m", 0, MOMENTS, _max)
     path_error_rms_m: float = metric("path error RMS", "m", 3, _ERROR, _rms)
     path_error_max_m: float = metric("path error max", "m", 3, _ERROR, _max, harm=PATH_ERROR)
+    ride_vertical_ms2: float | None = metric(
+        "ride vertical, ISO 2631", "m/s²", 3, ("heave_acc",), _weighted(W_K)
+    )
+    ride_lateral_ms2: float | None = metric(
+        "ride lateral, ISO 2631", "m/s²", 3, ("sprung_ay",), _weighted(W_D)
+    )
+    ride_roll_rads2: float | None = metric(
+        "ride roll, ISO 2631", "rad/s²", 3, ("roll_acc",), _weighted(W_E)
+    )
+    actuator_work_j: float | None = metric("actuator work", "J", 0, POWERS, _power(_work, sum))
+    actuator_power_max_w: float | None = metric(
+        "actuator power max", "W", 0, POWERS, _power(peak, max)
+    )
     rollover: bool = metric("rollover", "", 0, ("rollover",), _ever)
 
 
