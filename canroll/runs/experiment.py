@@ -356,7 +356,9 @@ def assess(
     without_roll = metrics.load_transfer_without_roll(
         passive, settings.vehicle, controller.record.schedule_front_share[0] / ONE
     )
-    if np.any(maneuver.drive.road_left) or np.any(maneuver.drive.road_right):
+    drive = maneuver.drive
+    # what a level road without wind does not have
+    if any(map(np.any, (drive.road_left, drive.road_right, drive.grade, drive.wind))):
         without_roll = dict.fromkeys(without_roll)
     return Result(
         settings=settings,
