@@ -14,6 +14,7 @@ SIGNED = (
     "roll_centre_height",
     "tyre.curvature",
     "magic_formula",
+    "axles.",
 )
 """Keys whose numbers may be negative; every other number of a vehicle must not be."""
 
