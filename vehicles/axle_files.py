@@ -21,6 +21,11 @@ from vehicles.suspensions.wheel import installed
 
 BOTH = ("damper", "stops", "bar")
 """Tables that both axles have or none."""
+UNUSED = (
+    *("toe", "camber", "toe_by_force", "camber_by_force"),
+    *("toe_by_moment", "camber_by_moment"),
+)
+"""Curves that are read but that no plant has."""
 OF_DAMPERS = (
     "plant.roll_damping",
     *("suspension.roll_damping_front_share", "suspension.rebound_bump_ratio"),
@@ -67,6 +72,12 @@ def of_section(given: Any, where: str, folder: Path | None = None) -> VehicleTab
             the other has.
     """
     tables = section(given, where, folder)
+    for name, axle in zip(AXLES, tables.both, strict=True):
+        for curve in UNUSED:
+            if getattr(axle, curve) is not None:
+                raise CanrollError(
+                    f"{where}: {SECTION}.{name}: {curve} is not simulated yet: remove it"
+                )
     for kind in BOTH:
         there = [getattr(axle, kind) is not None for axle in tables.both]
         if any(there) and not all(there):
