@@ -1,8 +1,12 @@
 """The two axles of a vehicle: what its file says by the suffixes ``_front`` and ``_rear``."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import prod
 
-from vehicles.model import Vehicle
+from vehicles.model import GRAVITY, Vehicle
+from vehicles.suspensions.tables import SECTION, AxleTables
+from vehicles.suspensions.wheel import WheelCurves, at_rest
 from vehicles.tyres import Similarity, TyreModel
 from vehicles.tyres.magic_formula import MagicFormula
 
@@ -29,6 +33,7 @@ class Axle:
         relaxation_length: of one tyre, m.
         tyre_model: name in :data:`TYRES`.
         tyre: one tyre.
+        tables: of the axle.
     """
 
     name: str
@@ -45,6 +50,17 @@ class Axle:
     relaxation_length: float
     tyre_model: str
     tyre: TyreModel
+    tables: AxleTables
+
+    @property
+    def curves(self) -> WheelCurves:
+        """Its tables at the wheel, from where this stands at rest.
+
+        Raises:
+            CanrollError: they hold no wheel of that load.
+        """
+        carried = self.wheel_load - 0.5 * self.unsprung * GRAVITY
+        return at_rest(self.tables, carried, f"{SECTION}.{self.name}")
 
     @property
     def damping(self) -> float:
@@ -95,6 +111,17 @@ def axles(vehicle: Vehicle) -> tuple[Axle, Axle]:
             relaxation_length=tyre.relaxation(wheel_load) or vehicle.tyre.relaxation_length,
             tyre_model=model,
             tyre=tyre,
+            tables=AxleTables() if vehicle.axles is None else vehicle.axles.both[i],
         )
 
     return axle(0), axle(1)
+
+
+def rebound_ratio(both: Sequence[Axle]) -> float:
+    """Geometric mean over the axles of a damper's slope at rest in rebound over compression.
+
+    1 without tables of dampers.
+    """
+    slopes = [axle.curves.damping for axle in both if axle.tables.damper is not None]
+    ratios = [rebound / compression for compression, rebound in slopes]
+    return prod(ratios) ** (1.0 / len(ratios)) if ratios else 1.0

@@ -15,6 +15,7 @@ SIGNED = (
     "tyre.curvature",
     "magic_formula",
     "centre_of_pressure_ahead",
+    "axles.",
 )
 """Keys whose numbers may be negative; every other number of a vehicle must not be."""
 

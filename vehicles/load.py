@@ -10,11 +10,13 @@ from canroll.arguments import checked
 from canroll.documents import parse_toml, refuse_other
 from canroll.documents import text as read_text
 from canroll.errors import CanrollError, UnknownNameError, reason
-from vehicles import tyre_files
+from vehicles import axle_files, tyre_files
+from vehicles.axle_files import followed
 from vehicles.check import problems, signs
 from vehicles.model import SCHEMA, Aerodynamics, Empty, Vehicle
 from vehicles.plausible import implausible, outside
 from vehicles.short import completed, is_short
+from vehicles.suspensions import tables
 
 _FOLDER = Path(__file__).parent
 _SECTIONS = (
@@ -98,7 +100,7 @@ def _checked(
     unusual = table.pop("unusual", [])
     if not isinstance(unusual, list) or not all(isinstance(key, str) for key in unusual):
         raise CanrollError(f"{where}: 'unusual' must be a list of keys, as 'plant.roll_damping'")
-    table = tyre_files.embedded(table, folder, where)
+    table = axle_files.embedded(tyre_files.embedded(table, folder, where), folder, where)
     if is_short(table):
         origins: list[Vehicle] = []
 
@@ -190,15 +192,19 @@ def from_table(
     _keys(
         table,
         required={"schema", "title", "basis", "maneuvers", "sources", *_SECTIONS},
-        optional={*_OPTIONAL, tyre_files.SECTION},
+        optional={*_OPTIONAL, tyre_files.SECTION, tables.SECTION},
         where=where,
         section="",
     )
     if table["schema"] != SCHEMA:
         raise CanrollError(f"{where}: schema {table['schema']!r}, but this version reads {SCHEMA}")
     hints = get_type_hints(Vehicle)
-    sections = {key: table[key] for key in _SECTIONS}
     parts: dict[str, Any] = {}
+    given = table
+    if tables.SECTION in table:
+        parts[tables.SECTION] = axle_files.of_section(table[tables.SECTION], where)
+        table = axle_files.provisional(table, parts[tables.SECTION], where)
+    sections = {key: table[key] for key in _SECTIONS}
     if tyre_files.SECTION in table:
         files = tyre_files.section(table[tyre_files.SECTION], where)
         parts[tyre_files.SECTION] = files
@@ -212,7 +218,7 @@ def from_table(
     maneuvers = _table(table["maneuvers"], where, "maneuvers")
     _keys(maneuvers, required={"lane_offset", "speed_kmh"}, where=where, section="maneuvers")
     speeds = _table(maneuvers["speed_kmh"], where, "maneuvers.speed_kmh")
-    vehicle = tyre_files.followed(
+    vehicle = followed(
         Vehicle(
             name=name,
             title=_text(table["title"], where, "title"),
@@ -225,7 +231,8 @@ def from_table(
             sources={
                 key: _text(value, where, f"sources.{key}")
                 for key, value in _table(table["sources"], where, "sources").items()
-            },
+            }
+            | axle_files.sources(parts.get(tables.SECTION)),
             **parts,
         )
     )
@@ -234,8 +241,8 @@ def from_table(
             raise CanrollError(f"{where}: {problem}")
     for problem in problems(vehicle):
         raise CanrollError(f"{where}: {problem}")
-    for section in (*_SECTIONS, *_OPTIONAL, tyre_files.SECTION, "maneuvers"):
-        for key in table.get(section, ()):
+    for section in (*_SECTIONS, *_OPTIONAL, tyre_files.SECTION, tables.SECTION, "maneuvers"):
+        for key in given.get(section, ()):
             if not vehicle.source(f"{section}.{key}"):
                 raise CanrollError(f"{where}: {section}.{key} has no source: name it in [sources]")
     return vehicle

@@ -19,6 +19,7 @@ from vehicles.equipment import (
     SensorChannel,
     Sensors,
 )
+from vehicles.suspensions.tables import SECTION, VehicleTables
 
 __all__ = [
     "GRAVITY",
@@ -231,8 +232,8 @@ class Vehicle:
     ``lane_offset`` the lateral offset (m) of the double lane change. ``sources`` maps a section or
     ``section.key`` to where its numbers come from. ``file`` is the path of a user's file.
     ``empty`` is the body without load, if the file has it; see :mod:`vehicles.unladen`.
-    ``magic_formula`` has the tyres' coefficients, if they are those of .tir files;
-    ``aerodynamics`` if the file has them, see :attr:`side_wind`.
+    ``magic_formula`` has the tyres' coefficients, if they are those of .tir files; ``axles`` the
+    tables of the axles; ``aerodynamics`` if the file has them, see :attr:`side_wind`.
     """
 
     name: str
@@ -255,6 +256,7 @@ class Vehicle:
     empty: Empty | None = None
     magic_formula: TyreFiles | None = None
     aerodynamics: Aerodynamics | None = None
+    axles: VehicleTables | None = None
 
     @property
     def reference(self) -> str:
@@ -267,12 +269,17 @@ class Vehicle:
 
         Speeds are in km/h there, rounded to nine decimals.
         """
-        table = _plain({key: value for key, value in asdict(self).items() if value is not None})
+        parts = asdict(replace(self, axles=None))
+        table = _plain({key: value for key, value in parts.items() if value is not None})
         del table["name"], table["file"]
         if self.magic_formula is not None:
             # by name: it reads files of vehicles, whose records are of this class
             kept = resolve_name("vehicles.tyre_files:standing")(self)
             table["tyre"] = {key: table["tyre"][key] for key in table["tyre"] if key in kept}
+        if self.axles is not None:
+            for section, key in resolve_name("vehicles.axle_files:standing")(self):
+                del table[section][key]
+            table[SECTION] = self.axles.document
         speeds = {name: round(3.6 * speed, 9) for name, speed in table.pop("speeds").items()}
         maneuvers = {"lane_offset": table.pop("lane_offset"), "speed_kmh": speeds}
         return {"schema": SCHEMA, **table, "maneuvers": maneuvers}

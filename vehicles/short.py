@@ -4,12 +4,16 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from canroll.errors import CanrollError
-from vehicles import tyre_files
+from vehicles import axle_files, tyre_files
 from vehicles.model import WORDS, Vehicle
+from vehicles.suspensions.tables import SECTION
 
 GIVEN = "given by this file"
 BODY = ("roll_inertia", "sprung_mass", "cg_height_above_roll_axis")
 """Numbers of the plant that an ``empty`` body of the base would contradict."""
+
+_WITH = {"tyre": (tyre_files.SECTION,), "suspension": (SECTION,)}
+"""Sections that come with one taken from another vehicle."""
 
 
 def is_short(table: Mapping[str, Any]) -> bool:
@@ -64,7 +68,7 @@ def completed(
             other = read(value)
             if key not in other.document:
                 raise CanrollError(f"{where}: vehicle {value} has no section '{key}'")
-            for section in (key, tyre_files.SECTION) if key == "tyre" else (key,):
+            for section in (key, *_WITH.get(key, ())):
                 result.pop(section, None)
                 if section in other.document:
                     result[section] = other.document[section]
@@ -75,11 +79,13 @@ def completed(
                 }
                 result["sources"] = _without(result["sources"], section) | _of(other.name, taken)
         else:
-            result[key] = _merged(result.get(key), value)
-            of_files = key == tyre_files.SECTION and tyre_files.is_complete(value)
-            for path in (f"{key}.{axle}" for axle in value) if of_files else _leaves(value, key):
+            merge = axle_files.merged if key == SECTION else _merged
+            result[key] = merge(result.get(key), value)
+            whole = key == SECTION and isinstance(value, Mapping)
+            whole = whole or (key == tyre_files.SECTION and tyre_files.is_complete(value))
+            for path in (f"{key}.{axle}" for axle in value) if whole else _leaves(value, key):
                 result["sources"][path] = _longest(sources, path) or GIVEN
-    return result
+    return axle_files.without_following(result, own, where)
 
 
 def _of(origin: str, sources: Mapping[str, str]) -> dict[str, str]:

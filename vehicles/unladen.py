@@ -2,9 +2,10 @@
 
 from dataclasses import replace
 
+from vehicles.axle_files import followed
+from vehicles.axles import axles
 from vehicles.model import GRAVITY, Empty, Vehicle
 from vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
-from vehicles.tyre_files import followed
 
 MASS_SHARE = 0.75
 """Sprung mass of the empty over that of the laden car, where the vehicle file has no ``empty``."""
@@ -25,9 +26,9 @@ def empty_body(vehicle: Vehicle) -> Empty:
 def unladen(vehicle: Vehicle) -> Vehicle:
     """Return ``vehicle`` with its empty body.
 
-    Springs, bars and dampers are unchanged. Cornering stiffness and friction follow the tyre's load
-    sensitivity to the lower static load. The CG's distances from the axles, and pitch and yaw
-    inertia, are unchanged.
+    Springs, bars and dampers are unchanged; on springs by tables the body stands higher. Cornering
+    stiffness and friction follow the tyre's load sensitivity to the lower static load. The CG's
+    distances from the axles, and pitch and yaw inertia, are unchanged.
     """
     body = empty_body(vehicle)
     changed = {
@@ -37,14 +38,29 @@ def unladen(vehicle: Vehicle) -> Vehicle:
     }
     lighter = replace(vehicle, plant=replace(vehicle.plant, **changed))
     load = lighter.total_mass / vehicle.total_mass
-    gradient = steady_roll(lighter, suspension_roll_stiffness(vehicle))[0]
+    lighter, suspension = _on_its_springs(lighter, vehicle)
+    gradient = steady_roll(lighter, suspension)[0]
     stiffness = lighter.plant.roll_arm / gradient + lighter.plant.roll_arm * GRAVITY
     plant = replace(lighter.plant, roll_stiffness=stiffness)
     return followed(
         replace(
-            vehicle,
+            lighter,
             plant=plant,
             design=replace(vehicle.design, **changed),
             tyre=vehicle.tyre.at_load(load),
         )
     )
+
+
+def _on_its_springs(lighter: Vehicle, laden: Vehicle) -> tuple[Vehicle, float]:
+    """The car where it stands on the tables of its springs, and their and the bars' stiffness."""
+    suspension = suspension_roll_stiffness(laden)
+    if laden.axles is None:
+        return lighter, suspension
+    lighter = followed(lighter)
+    parts = [
+        before.roll_share * suspension + 2.0 * before.half_track**2 * (after.spring - before.spring)
+        for before, after in zip(axles(laden), axles(lighter), strict=True)
+    ]
+    share = replace(lighter.suspension, roll_stiffness_front_share=parts[0] / sum(parts))
+    return replace(lighter, suspension=share), sum(parts)

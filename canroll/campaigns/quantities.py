@@ -12,7 +12,7 @@ from canroll.studies.variation import ROLL_MODEL, TYRES
 from plant_sim.can_bus import load_profile
 from plant_sim.driving import MANEUVERS, maneuvers
 from plant_sim.faults import parse_all
-from vehicles import Vehicle, tyre_files
+from vehicles import Vehicle, axle_files, tyre_files
 from vehicles.check import problems
 from vehicles.roll_stiffness import springs_within
 
@@ -140,6 +140,7 @@ def _scaled(vehicle: Vehicle, name: str, factor: float) -> Vehicle:
     if name in TYRES:
         return tyre_files.scaled(vehicle, *(factor if name == each else 1.0 for each in TYRES))
     tyre_files.check_change(vehicle, name)
+    axle_files.check_change(vehicle, name)
     path = ("plant", name) if name in ROLL_MODEL else tuple(name.split("."))
     changed: Vehicle = _scaled_at(vehicle, path, factor, name)
     return tyre_files.followed(changed)

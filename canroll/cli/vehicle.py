@@ -14,9 +14,9 @@ from canroll.cli.terminal import show_table
 from canroll.errors import CanrollError, reason
 from canroll.report.page import PageTable
 from vehicles import Vehicle
-from vehicles.classes import CLASSES, class_named
-from vehicles.estimate import SIZES, estimated
-from vehicles.review import ReviewedQuantity, beside_class, handling
+from vehicles.sizing.classes import CLASSES, class_named
+from vehicles.sizing.estimate import SIZES, estimated
+from vehicles.sizing.review import ReviewedQuantity, beside_class, handling
 
 
 def run(args: argparse.Namespace) -> int:

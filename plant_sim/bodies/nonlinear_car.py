@@ -15,7 +15,7 @@ from math import cos, sin
 import numpy as np
 
 from canroll.typing import Vector
-from plant_sim.bodies import ports
+from plant_sim.bodies import curves, ports
 from plant_sim.bodies.contact import (
     COUPLE,
     FORWARD,
@@ -43,7 +43,7 @@ from plant_sim.bodies.kinematics import (
     place,
 )
 from plant_sim.bodies.mass_matrix import N_FACTORS, factor
-from plant_sim.bodies.parameters import CAR, AxleRecord, Car, build_parameters, car_of
+from plant_sim.bodies.parameters import CAR, Car, build_parameters, car_of
 from plant_sim.bodies.ports import ROLLOVER_ANGLE, Body
 from plant_sim.bodies.rigid_car import (
     BODY_ACC,
@@ -90,26 +90,6 @@ def build(vehicle: Vehicle, speed: float) -> tuple[Vector, Vector]:
 
 
 @inlined
-def damper(axle: AxleRecord, rate: float) -> float:
-    """Force (N) of a bilinear damper against its stroke ``rate`` (m/s, extension > 0)."""
-    slope = axle.rebound if rate > 0.0 else axle.bump
-    fast = max(abs(rate) - axle.knee_speed, 0.0)
-    size: float = slope * (min(abs(rate), axle.knee_speed) + axle.high_speed_ratio * fast)
-    return size if rate > 0.0 else -size
-
-
-@inlined
-def stop(axle: AxleRecord, travel: float) -> float:
-    """Force (N) on the body, upwards, of quadratic stops beyond the clearances (m)."""
-    force = 0.0
-    if travel > axle.rebound_clearance:
-        force = -axle.stop_rate * (travel - axle.rebound_clearance) ** 2
-    if travel < -axle.bump_clearance:
-        force = axle.stop_rate * (travel + axle.bump_clearance) ** 2
-    return force
-
-
-@inlined
 def _suspension(state: Vector, held: Vector, car: Car, results: Vector, forces: Vector) -> None:
     """Fill the forces between body and wheels, along the travel; > 0 pushes them apart."""
     for k in range(2):
@@ -119,9 +99,9 @@ def _suspension(state: Vector, held: Vector, car: Car, results: Vector, forces: 
         for side in range(2):
             wheel = first + side
             travel = left if side == 0 else right
-            force = axle.preload - axle.spring * travel
-            force -= damper(axle, state[TRAVEL_RATE + wheel])
-            force += stop(axle, travel)
+            force = curves.spring(axle, car.points, travel)
+            force -= curves.damper(axle, car.points, travel, state[TRAVEL_RATE + wheel])
+            force += curves.stop(axle, car.points, travel)
             force += bar if side == 0 else -bar
             results[R_CORNER + wheel] = force + held[ports.CORNER_FORCE + wheel]
         a, b = results[R_CORNER + first], results[R_CORNER + first + 1]

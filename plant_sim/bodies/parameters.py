@@ -6,7 +6,7 @@ import numpy as np
 
 from canroll.errors import CanrollError
 from canroll.typing import Vector
-from plant_sim.bodies import tyre
+from plant_sim.bodies import curves, tyre
 from plant_sim.kernels.jit import record_of
 from vehicles import GRAVITY, Vehicle
 from vehicles.axles import Axle, axles
@@ -26,6 +26,7 @@ AXLE = np.dtype(
         *_numbers("half_track", "per_track", "roll_centre", "unsprung", "preload", "spring", "bar"),
         *_numbers("bump", "rebound", "knee_speed", "high_speed_ratio"),
         *_numbers("bump_clearance", "rebound_clearance", "stop_rate"),
+        *((name, "f8", (curves.N_CURVES,)) for name in ("first", "rows")),
         ("tyre_model", "f8"),
         ("tyre", "f8", (tyre.ROOM,)),
     ]
@@ -34,6 +35,8 @@ AXLE = np.dtype(
 
 ``bar`` is the force on a wheel per difference of the travels.
 ``preload`` is the suspension's force at rest, ``bump`` and ``rebound`` the slopes of the damper.
+``first`` and ``rows`` are the places of its curves among the car's points; without rows there is
+none, and the numbers hold.
 """
 WHEEL = (
     *("distance", "side", "hub_mass", "hub_up", "load", "radius", "unloaded_radius"),
@@ -51,9 +54,14 @@ CAR = np.dtype(
         *_numbers("roll_inertia", "pitch_inertia", "yaw_inertia"),
         ("axle", AXLE, (2,)),
         *((name, "f8", (4,)) for name in WHEEL),
+        *_numbers("turned", "compliant"),
+        ("points", "f8", (2 * curves.POINTS,)),
     ]
 )
-"""The car: inertias of the sprung body about its own CG, ``offset`` of this ahead of the car's."""
+"""The car: inertias of the sprung body about its own CG, ``offset`` of this ahead of the car's.
+
+``turned`` is 1 if wheels have toe or camber of their own, ``compliant`` if forces change these.
+"""
 
 car_of = record_of(CAR)
 """In a kernel: the record that a parameter vector is."""
@@ -81,6 +89,7 @@ def build_parameters(vehicle: Vehicle) -> Vector:
         for name, value in _wheel(axle, vehicle).items():
             car[name][2 * k : 2 * k + 2] = value
         car["side"][2 * k + 1] = -axle.half_track
+    curves.fill(car, axles(vehicle), vehicle)
     return record.view(np.float64)
 
 

@@ -142,7 +142,7 @@ OUTPUTS = (
 ROLLOVER_ANGLE = 0.6
 """Roll angle (rad) beyond which no car comes back: an end state of every body."""
 
-STATES_MAX, PARAMETERS_MAX = 64, 2048
+STATES_MAX, PARAMETERS_MAX = 64, 4096
 """Room for a body's state and parameters."""
 
 

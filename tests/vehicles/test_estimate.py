@@ -11,9 +11,9 @@ from vehiclemodels.parameters_vehicle3 import parameters_vehicle3
 
 import vehicles
 from canroll.errors import CanrollError
-from vehicles.classes import CLASSES
-from vehicles.estimate import SIZES, estimated
-from vehicles.review import RATIO_OF, beside_class, handling
+from vehicles.sizing.classes import CLASSES
+from vehicles.sizing.estimate import SIZES, estimated
+from vehicles.sizing.review import RATIO_OF, beside_class, handling
 
 VAN = {"mass": 2720.0, "wheelbase": 3.66, "track": 1.735, "height": 2.5}
 

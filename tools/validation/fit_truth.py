@@ -23,7 +23,7 @@ from canroll.identification.unknowns import STEERING_OFFSET, delay_key, offset_k
 from canroll.typing import Vector
 from vehicles import Vehicle
 from vehicles.check import problems
-from vehicles.estimate import estimated
+from vehicles.sizing.estimate import estimated
 
 NAMES = ("yaw_rate", "lateral_acceleration", "roll_rate", "roll")
 NOISE = {"yaw_rate": 0.003, "lateral_acceleration": 0.06, "roll_rate": 0.004, "roll": 0.001}

@@ -5,10 +5,10 @@ from math import pi, sqrt
 from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
-from vehicles.classes import RATIOS, Ratio, class_named
 from vehicles.load import from_table, load
 from vehicles.model import GRAVITY, SCHEMA, Vehicle
 from vehicles.roll_stiffness import steady_roll
+from vehicles.sizing.classes import RATIOS, Ratio, class_named
 
 SIZES = {
     "mass": (300.0, 40e3),
@@ -40,7 +40,7 @@ def estimated(kind: str, known: Mapping[str, float], *, name: str) -> Vehicle:
     that depends on several ratios has the root of the sum of squares of their spreads.
 
     Args:
-        kind: a class of :data:`vehicles.classes.CLASSES`.
+        kind: a class of :data:`vehicles.sizing.classes.CLASSES`.
         known: :data:`SIZES`, and ratios of the class that are known, by their names.
         name: of the vehicle.
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from math import degrees, pi
 
 from vehicles.axles import axles
-from vehicles.classes import class_named
 from vehicles.model import GRAVITY, Vehicle
 from vehicles.plausible import BANDS, cornering_coefficient, ride_frequency
 from vehicles.roll_stiffness import suspension_roll_stiffness
+from vehicles.sizing.classes import class_named
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,1 @@
+"""Axles by tables: springs, dampers, stops, kinematics and compliance as measured on a rig."""
