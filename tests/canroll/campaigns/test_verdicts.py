@@ -15,13 +15,49 @@ from canroll.runs.standard import Standard, StandardJudgement, StandardOutcome
 
 HAPPENED = list(product((False, True), repeat=3))
 CASES = list(product((0.0, 1.0, 2.0), (0.5, 1.5), (0.5, 1.5), HAPPENED))
-BEFORE = Metrics(1.0, 2.0, 3.0, 8.0, 0.5, 0.5, 0.0, 0.0, 0.1, 0.2, rollover=False)
+BEFORE = Metrics(
+    1.0, 2.0, 3.0, 8.0, 0.5, 0.5, 0.0, 0.0, 0.1, 0.2, 0.01, 0.02, 0.03, 0.0, 0.0, rollover=False
+)
 
 
 def outcome(before, after, rms, events):
     over, under, cycle = events
-    passive = Metrics(1.0, before, 3.0, 8.0, 0.5, 0.5, 0.0, 0.0, 0.1, 0.2, rollover=under)
-    controlled = Metrics(rms, after, 3.0, 8.0, 0.5, 0.5, 9.0, 9.0, 0.1, 0.2, rollover=over)
+    passive = Metrics(
+        1.0,
+        before,
+        3.0,
+        8.0,
+        0.5,
+        0.5,
+        0.0,
+        0.0,
+        0.1,
+        0.2,
+        0.01,
+        0.02,
+        0.03,
+        0.0,
+        0.0,
+        rollover=under,
+    )
+    controlled = Metrics(
+        rms,
+        after,
+        3.0,
+        8.0,
+        0.5,
+        0.5,
+        9.0,
+        9.0,
+        0.1,
+        0.2,
+        0.01,
+        0.02,
+        0.03,
+        0.0,
+        0.0,
+        rollover=over,
+    )
     found = LimitCycle(5.0, 100.0, 1.0, 3.0) if cycle else None
     return StandardOutcome(
         passive, controlled, found, Standard("none", StandardJudgement(()), StandardJudgement(()))

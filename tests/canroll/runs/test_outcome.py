@@ -12,7 +12,9 @@ from canroll.runs.metrics import Metrics
 from canroll.runs.standard import Standard, StandardJudgement, StandardOutcome
 from plant_sim.driving.standards import Verdict
 
-BEFORE = Metrics(1.0, 2.0, 3.0, 8.0, 0.5, 0.5, 0.0, 0.0, 0.1, 0.2, rollover=False)
+BEFORE = Metrics(
+    1.0, 2.0, 3.0, 8.0, 0.5, 0.5, 0.0, 0.0, 0.1, 0.2, 0.01, 0.02, 0.03, 0.0, 0.0, rollover=False
+)
 AFTER = replace(BEFORE, roll_rms_deg=0.5, roll_max_deg=1.0, moment_rms_nm=900.0)
 OVER = replace(BEFORE, roll_rms_deg=0.3, roll_max_deg=9.0, rollover=True)
 
