@@ -144,26 +144,31 @@ def remainder(a: Any, b: Any, p: Any, channel: Any, tick: Any, ends: Any) -> Any
     n, cells = a.nrows(), abs(channel["cells"])
     g, onto, centre = (balls(channel[name]) for name in ("generators", "onto", "centre"))
     step, full = (ends[1] - ends[0]) / cells, part(flow(a, b, tick), n, [n])
-    onward, within = flow(a, b, step), flow(a, b, arb(step / 2, step / 2))
-    state = part(flow(a, b, tick - ends[1]), n + 1, [n])
-    off = bend = arb(0)
+    onward, time = flow(a, b, step), arb(step / 2, step / 2)
+    state, twice = part(flow(a, b, tick - ends[1]), n + 1, [n]), a * a * (a * time).exp()
+    one, beside = (onto * 0 * onto.transpose()).exp(), (a * 0).exp() - g * onto
+    maps = [(by, to, to * a, to * twice * (time**2 / 2)) for by, to in ((one, onto), (p, beside))]
+    worst = [(arb(0), arb(0))] * 2
     for _ in range(cells + 1):
-        gamma = part(state, n, [0])
-        w = onto * (full - gamma - centre)
-        if not (w.transpose() * w)[0, 0] <= 1:
-            raise ValueError("the curve of the delay leaves its ellipsoid")
-        off = off.max(norm(p, full - gamma - centre - g * w))
-        bend = bend.max(norm(p, a * (a * part(within * state, n, [0]) + b)))
+        out = full - part(state, n, [0]) - centre
+        bent = a * (a * part(state, n, [0]) + b)  # second derivative, in the cell by its series
+        for i, (by, to, first, second) in enumerate(maps):
+            bend = to * bent + first * bent * time + second * bent
+            worst[i] = worst[i][0].max(norm(by, to * out)), worst[i][1].max(norm(by, bend))
         state = onward * state
-    return off + bend * arb(step * step / 8)
+    # between two points a curve is off its chord by an eighth of its second derivative
+    reach, off = (at + arc * arb(step * step / 8) for at, arc in worst)
+    if not reach <= 1:
+        raise ValueError("the curve of the delay leaves its ellipsoid")
+    return off
 
 
 class Sampled:
     """The sampled loop of a condition for a claim: its variables and forms.
 
-    Variables: the states (car, past commands, controller); as inputs what is withheld of a command
-    (e), the roundings of the controller's states (n) and disturbances (d); the places of the delays
-    in their ellipsoids (w).
+    Variables: the states (car, past commands, controller); as inputs what a trigger withholds of a
+    command and its rounding (e), the roundings of the controller's states (n) and disturbances (d);
+    the places of the delays in their ellipsoids (w).
     """
 
     def __init__(self, c: Any, condition: Any, claim: Any, tick: Any) -> None:
@@ -179,35 +184,47 @@ class Sampled:
         self.command, inner, self.stored = controller(c, condition["gain_factor"], y, heard)
         self.roll = combined(map(number, condition["roll"]), x)
         self.extra, self.inner = self.command.rounding() + self.off[4], inner
-        noise, withheld = variables("n", len(inner)), variables("e", 1)
-        self.sent = self.command + withheld[0]
+        self.trigger, noise = int(claim["trigger"]), variables("n", len(inner))
+        self.error, self.before = variables("e", 1 + self.trigger), past[0]
+        self.sent = sum(self.error, self.command)
         self.jumps = [past[j] + (past[j - 1] if j else self.sent).times(-1) for j in ages]
         self.shifted = [self.sent, *past[:-1], *(s + n for s, n in zip(inner, noise))]
         self.driven = [Form({("d", each["input"]): fmpq(1)}) for each in claim["disturbances"]]
         self.states = [*x, *past, *variables("c", len(inner))]
-        self.inputs = [*withheld, *noise, *self.driven]
+        self.inputs = [*self.error, *noise, *self.driven]
         self.places = [variables(f"w{j}", len(w["onto"])) for j, w in enumerate(claim["channels"])]
         self.names = [name for form in sum(self.places, self.states + self.inputs) for name in form]
+
+    def squares(self, c: Any) -> list[Any]:
+        """Return the most of the squares of inputs but (d); of what is withheld the floor."""
+        coarse = self.extra + self.off[4] + COARSE  # a held command was sent with its resolution
+        floor = (1 + MORE) * c["trigger_floor"] ** 2 + (1 + 1 / MORE) * coarse**2
+        roundings = [self.extra, *(form.rounding() for form in self.inner)]
+        return [floor] * self.trigger + [most**2 for most in roundings]
 
 
 def proved(c: Any, condition: Any, claim: Any, tick: Any) -> dict[str, Any]:
     """Return the bounds that a claim's inequality proves; ValueError where it does not hold."""
-    loop, trigger = Sampled(c, condition, claim, tick), int(claim["trigger"])
+    loop = Sampled(c, condition, claim, tick)
     names, a, p = loop.names, balls(condition["a"]), balls(claim["p"])
     n, inputs = a.nrows(), balls(condition["b"])
     decay, slack, *weights = map(number, (claim["decay"], claim["slack"], *claim["weights"]))
     limits = {("d", each["input"]): number(each["most"]) for each in claim["disturbances"]}
-    bounds = [loop.extra, *(form.rounding() for form in loop.inner), *limits.values()]
-    floor = (1 + MORE) * c["trigger_floor"] ** 2 + (1 + 1 / MORE) * (loop.extra + COARSE) ** 2
-    spent = sum((w * most**2 for w, most in zip(weights, bounds)), weights[0] * trigger * floor)
-    share = trigger * fmpq(c["trigger_epsilon_squared"], 1 << 20)
+    bounds = [*loop.squares(c), *(most**2 for most in limits.values())]
+    spent = sum((w * square for w, square in zip(weights, bounds)), fmpq(0))
+    share = loop.trigger * (1 + MORE) * fmpq(c["trigger_epsilon_squared"], 1 << 20)
     fine = 0 <= loop.delay[0] <= loop.delay[1] and slack > 0 and decay < 1 and min(loop.off) >= 0
-    fine &= len(loop.ends) == len(loop.places) and not (trigger and c["compensator_outputs"] > 1)
+    fine &= len(loop.ends) == len(loop.places)
+    fine &= not (loop.trigger and c["compensator_outputs"] > 1)
 
     held, b, plant = flow(a, inputs, tick), part(inputs, n, [0]), part(p, n, range(n))
     full = part(held, n, [n])
     moved = part(held, n, range(n)) * rows(names, *loop.states[:n]) + full * rows(names, loop.sent)
-    terms = [(weights[0] * share * (1 + MORE), loop.sent), (int(claim["performance"]), loop.roll)]
+    terms = [(weights[0] * share, loop.sent), (int(claim["performance"]), loop.roll)]
+    # what is withheld is zero, or the command is that before: of their product any multiple is zero
+    for sign in (1, -1)[: 2 * loop.trigger]:
+        change = loop.sent + loop.before.times(-1)
+        terms += [(sign * number(claim["switching"]) / 4, loop.error[0].times(sign) + change)]
     for ends, jump, w, channel in zip(loop.ends, loop.jumps, loop.places, claim["channels"]):
         rho, d = remainder(a, b, plant, channel, tick, ends), number(channel["weight"])
         centre, generators = balls(channel["centre"]), balls(channel["generators"])
