@@ -6,35 +6,38 @@ determine follow from these where the wheels stand at rest. In the plant a table
 then changed, as in a population, is scaled to it.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from canroll.errors import CanrollError
 from vehicles import tyre_files
-from vehicles.axles import axles, rebound_ratio
+from vehicles.axles import Axle, axles, rebound_ratio
 from vehicles.model import GRAVITY, RollModel, Vehicle
 from vehicles.roll_stiffness import steady_roll
 from vehicles.suspensions.tables import AXLES, SECTION, VehicleTables, files_of, section
 from vehicles.suspensions.wheel import installed
 
-BOTH = ("damper", "stops", "bar")
-"""Tables that both axles have or none."""
 UNUSED = (
     *("toe", "camber", "toe_by_force", "camber_by_force"),
     *("toe_by_moment", "camber_by_moment"),
 )
 """Curves that are read but that no plant has."""
-OF_DAMPERS = (
-    "plant.roll_damping",
-    *("suspension.roll_damping_front_share", "suspension.rebound_bump_ratio"),
-    *("suspension.knee_speed", "suspension.high_speed_ratio"),
-)
-OF_STOPS = tuple(
-    f"suspension.{key}" for key in ("bump_clearance", "rebound_clearance", "bump_stop_rate")
-)
 OF_BARS = ("plant.roll_stiffness", "suspension.roll_stiffness_front_share")
+BOTH: Mapping[str, tuple[str, ...]] = {
+    "damper": (
+        "plant.roll_damping",
+        *("suspension.roll_damping_front_share", "suspension.rebound_bump_ratio"),
+        *("suspension.knee_speed", "suspension.high_speed_ratio"),
+    ),
+    "stops": (
+        *("suspension.bump_clearance", "suspension.rebound_clearance"),
+        "suspension.bump_stop_rate",
+    ),
+    "bar": OF_BARS,
+}
+"""Tables that both axles have or none, with the keys of the vehicle that follow from them."""
 
 
 def following(tables: VehicleTables) -> dict[str, str]:
@@ -45,10 +48,8 @@ def following(tables: VehicleTables) -> dict[str, str]:
             keys[f"suspension.spring_rate_{name}"] = f"{SECTION}.{name}.spring"
         if axle.side is not None:
             keys[f"geometry.roll_centre_height_{name}"] = f"{SECTION}.{name}.kinematics"
-    front = tables.front
-    for table, of in ((front.damper, OF_DAMPERS), (front.stops, OF_STOPS), (front.bar, OF_BARS)):
-        if table is not None:
-            kind = BOTH[(OF_DAMPERS, OF_STOPS, OF_BARS).index(of)]
+    for kind, of in BOTH.items():
+        if getattr(tables.front, kind) is not None:
             keys |= dict.fromkeys(of, f"{SECTION}.front.{kind}")
     return keys
 
@@ -177,11 +178,12 @@ def standing(vehicle: Vehicle) -> Iterator[tuple[str, str]]:
 
 
 def check_change(vehicle: Vehicle, key: str) -> None:
-    """Check that a key of the vehicle's file does not follow from its tables.
+    """Check that a key of the vehicle's file does not follow from its tyre files or tables.
 
     Raises:
         CanrollError: it does.
     """
+    tyre_files.check_change(vehicle, key)
     by = {} if vehicle.axles is None else following(vehicle.axles)
     if key in by:
         raise CanrollError(f"{key} follows from {by[key]}: change that")
@@ -220,34 +222,34 @@ def followed(vehicle: Vehicle) -> Vehicle:
         numbers[f"suspension.spring_rate_{axle.name}"] = curves.rate
         height = axle.half_track * curves.change("side")
         numbers[f"geometry.roll_centre_height_{axle.name}"] = height
-    numbers |= _of_dampers(vehicle) | _of_stops(vehicle)
+    numbers |= _of_dampers(both) | _of_stops(both)
     changed = _with(vehicle, {key: value for key, value in numbers.items() if key in keys})
     if OF_BARS[0] not in keys:
         return changed
     return _with(changed, _of_bars(changed))
 
 
-def _of_dampers(vehicle: Vehicle) -> dict[str, float]:
-    slopes = [axle.curves.damping for axle in axles(vehicle)]
+def _of_dampers(both: Sequence[Axle]) -> dict[str, float]:
+    slopes = [axle.curves.damping for axle in both]
     parts = [
         axle.half_track**2 * (compression + rebound)
-        for axle, (compression, rebound) in zip(axles(vehicle), slopes, strict=True)
+        for axle, (compression, rebound) in zip(both, slopes, strict=True)
     ]
     if not all(parts):
         return {}
-    dampers = [axle.damper for axle in vehicle.axles.both] if vehicle.axles is not None else []
+    dampers = [axle.tables.damper for axle in both]
     return {
         "plant.roll_damping": sum(parts),
         "suspension.roll_damping_front_share": parts[0] / sum(parts),
-        "suspension.rebound_bump_ratio": rebound_ratio(axles(vehicle)),
+        "suspension.rebound_bump_ratio": rebound_ratio(both),
         # the tables have their own
         "suspension.knee_speed": max(damper.x[-1] for damper in dampers if damper is not None),
         "suspension.high_speed_ratio": 1.0,
     }
 
 
-def _of_stops(vehicle: Vehicle) -> dict[str, float]:
-    curves = [axle.curves for axle in axles(vehicle)]
+def _of_stops(both: Sequence[Axle]) -> dict[str, float]:
+    curves = [axle.curves for axle in both]
     return {
         "suspension.bump_clearance": min(each.clearances[0] for each in curves),
         "suspension.rebound_clearance": min(each.clearances[1] for each in curves),

@@ -5,7 +5,7 @@ from copy import deepcopy
 from typing import Any
 
 from canroll.errors import UnknownNameError
-from vehicles import axle_files, tyre_files
+from vehicles import axle_files
 from vehicles.load import from_table
 from vehicles.model import WORDS, Vehicle
 from vehicles.plausible import KEYS
@@ -21,7 +21,6 @@ def changed(vehicle: Vehicle, changes: Mapping[str, Any], *, name: str = "") -> 
     table = deepcopy(vehicle.document)
     known = list(_keys({key: part for key, part in table.items() if key not in WORDS}, ""))
     for key, value in changes.items():
-        tyre_files.check_change(vehicle, key)
         axle_files.check_change(vehicle, key)
         if key not in known:
             raise UnknownNameError("key of a vehicle", key, known)

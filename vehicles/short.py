@@ -81,9 +81,9 @@ def completed(
         else:
             merge = axle_files.merged if key == SECTION else _merged
             result[key] = merge(result.get(key), value)
-            whole = key == SECTION and isinstance(value, Mapping)
-            whole = whole or (key == tyre_files.SECTION and tyre_files.is_complete(value))
-            for path in (f"{key}.{axle}" for axle in value) if whole else _leaves(value, key):
+            by_axle = key == SECTION and isinstance(value, Mapping)
+            by_axle |= key == tyre_files.SECTION and tyre_files.is_complete(value)
+            for path in (f"{key}.{axle}" for axle in value) if by_axle else _leaves(value, key):
                 result["sources"][path] = _longest(sources, path) or GIVEN
     return axle_files.without_following(result, own, where)
 

@@ -139,7 +139,6 @@ def is_vehicle(vehicle: Vehicle) -> bool:
 def _scaled(vehicle: Vehicle, name: str, factor: float) -> Vehicle:
     if name in TYRES:
         return tyre_files.scaled(vehicle, *(factor if name == each else 1.0 for each in TYRES))
-    tyre_files.check_change(vehicle, name)
     axle_files.check_change(vehicle, name)
     path = ("plant", name) if name in ROLL_MODEL else tuple(name.split("."))
     changed: Vehicle = _scaled_at(vehicle, path, factor, name)

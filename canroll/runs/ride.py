@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from scipy.signal import bilinear, sosfilt
 
 from canroll.typing import Vector
+from plant_sim.kernels.instants import STEP_NS
 
-SAMPLE = 1e-3
+SAMPLE = STEP_NS * 1e-9
 """Time between two values of a signal (s)."""
 HIGH_PASS, LOW_PASS = 0.4, 100.0
 Ratio = tuple[tuple[float, ...], tuple[float, ...]]

@@ -1,4 +1,4 @@
-"""Springs, dampers and stops of the 14-DOF car, by numbers or by tables; toe and camber by tables.
+"""Springs, dampers and stops of the 14-DOF car, by numbers or by tables.
 
 The car's record has the points of all curves of both axles, and where the curve of each purpose
 is. Curves are those of a wheel over its compression from rest; see
@@ -17,24 +17,10 @@ from vehicles.axles import Axle, rebound_ratio
 from vehicles.suspensions.curve import Curve
 from vehicles.suspensions.wheel import WheelCurves
 
-PURPOSES = (
-    *("spring", "stops", "damper", "damper_ratio", "toe", "camber"),
-    *("toe_by_force", "camber_by_force", "toe_by_moment", "camber_by_moment"),
-)
+PURPOSES = ("spring", "stops", "damper", "damper_ratio")
 """Curves of an axle by their names in :class:`vehicles.suspensions.wheel.WheelCurves`."""
 N_CURVES = len(PURPOSES)
-(
-    SPRING,
-    STOPS,
-    DAMPER,
-    DAMPER_RATIO,
-    TOE,
-    CAMBER,
-    TOE_BY_FORCE,
-    CAMBER_BY_FORCE,
-    TOE_BY_MOMENT,
-    CAMBER_BY_MOMENT,
-) = range(N_CURVES)
+SPRING, STOPS, DAMPER, DAMPER_RATIO = range(N_CURVES)
 POINTS = 1600
 """Most points of all curves of a car."""
 

@@ -54,14 +54,10 @@ CAR = np.dtype(
         *_numbers("roll_inertia", "pitch_inertia", "yaw_inertia"),
         ("axle", AXLE, (2,)),
         *((name, "f8", (4,)) for name in WHEEL),
-        *_numbers("turned", "compliant"),
         ("points", "f8", (2 * curves.POINTS,)),
     ]
 )
-"""The car: inertias of the sprung body about its own CG, ``offset`` of this ahead of the car's.
-
-``turned`` is 1 if wheels have toe or camber of their own, ``compliant`` if forces change these.
-"""
+"""The car: inertias of the sprung body about its own CG, ``offset`` of this ahead of the car's."""
 
 car_of = record_of(CAR)
 """In a kernel: the record that a parameter vector is."""
@@ -84,12 +80,13 @@ def build_parameters(vehicle: Vehicle) -> Vector:
     car["pitch_inertia"] = vehicle.mass.pitch_inertia
     car["yaw_inertia"] = vehicle.sprung_yaw_inertia
     stiffness = suspension_roll_stiffness(vehicle)
-    for k, axle in enumerate(axles(vehicle)):
+    both = axles(vehicle)
+    for k, axle in enumerate(both):
         _fill_axle(car["axle"][k], axle, axle.bar(stiffness), vehicle)
         for name, value in _wheel(axle, vehicle).items():
             car[name][2 * k : 2 * k + 2] = value
         car["side"][2 * k + 1] = -axle.half_track
-    curves.fill(car, axles(vehicle), vehicle)
+    curves.fill(car, both, vehicle)
     return record.view(np.float64)
 
 

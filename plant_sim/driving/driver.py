@@ -111,6 +111,13 @@ class DriveInputs(NamedTuple):
     memory: Vector
 
 
+OVER_DISTANCE = (
+    *("bank", "grade", "road_left", "road_right"),
+    *("friction_left", "friction_right", "wind"),
+)
+"""Fields of a drive at steps of distance."""
+
+
 @njit
 def uncounted(drive: DriveInputs) -> DriveInputs:
     """Views of the arrays of a drive that the caller keeps alive; see ``borrowed``."""

@@ -34,13 +34,7 @@ class WheelCurves:
         stops: force (N) of the stops.
         damper: force (N) at the damper over its speed of compression (m/s).
         damper_ratio: speed of the damper over that of the wheel.
-        toe: rad, inwards.
-        camber: rad, top outwards.
         side: way (m) of the contact patch outwards.
-        toe_by_force: rad over the side force (N) towards the middle of the car.
-        camber_by_force: likewise.
-        toe_by_moment: rad over the aligning moment (N·m) towards toe-in.
-        camber_by_moment: likewise.
     """
 
     rest: float
@@ -48,13 +42,7 @@ class WheelCurves:
     stops: Curve | None
     damper: Curve | None
     damper_ratio: Curve
-    toe: Curve | None
-    camber: Curve | None
     side: Curve | None
-    toe_by_force: Curve | None
-    camber_by_force: Curve | None
-    toe_by_moment: Curve | None
-    camber_by_moment: Curve | None
 
     @property
     def rate(self) -> float:
@@ -149,13 +137,7 @@ def at_rest(tables: AxleTables, carried: float, place: str = "") -> WheelCurves:
         stops=over_travel(tables.stops),
         damper=tables.damper,
         damper_ratio=_ratio(tables.damper_ratio).shifted(rest),
-        toe=over_travel(tables.toe),
-        camber=over_travel(tables.camber),
         side=over_travel(tables.side),
-        toe_by_force=tables.toe_by_force,
-        camber_by_force=tables.camber_by_force,
-        toe_by_moment=tables.toe_by_moment,
-        camber_by_moment=tables.camber_by_moment,
     )
 
 

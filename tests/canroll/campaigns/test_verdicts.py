@@ -1,6 +1,6 @@
 """A campaign's verdicts are those of single runs, its harm that of a run with faults."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import product
 
 import numpy as np
@@ -22,42 +22,9 @@ BEFORE = Metrics(
 
 def outcome(before, after, rms, events):
     over, under, cycle = events
-    passive = Metrics(
-        1.0,
-        before,
-        3.0,
-        8.0,
-        0.5,
-        0.5,
-        0.0,
-        0.0,
-        0.1,
-        0.2,
-        0.01,
-        0.02,
-        0.03,
-        0.0,
-        0.0,
-        rollover=under,
-    )
-    controlled = Metrics(
-        rms,
-        after,
-        3.0,
-        8.0,
-        0.5,
-        0.5,
-        9.0,
-        9.0,
-        0.1,
-        0.2,
-        0.01,
-        0.02,
-        0.03,
-        0.0,
-        0.0,
-        rollover=over,
-    )
+    passive = replace(BEFORE, roll_max_deg=before, rollover=under)
+    effort = {"moment_rms_nm": 9.0, "moment_max_nm": 9.0}
+    controlled = replace(BEFORE, roll_rms_deg=rms, roll_max_deg=after, rollover=over, **effort)
     found = LimitCycle(5.0, 100.0, 1.0, 3.0) if cycle else None
     return StandardOutcome(
         passive, controlled, found, Standard("none", StandardJudgement(()), StandardJudgement(()))
