@@ -10,6 +10,7 @@ import pytest
 
 import dbc
 import vehicles
+from canroll.testing import COMMON
 from codegen.frame.checksum_units import constant
 from codegen.frame.crc_kinds import CRCS
 from codegen.frame.frame_protection import ATTRIBUTES
@@ -33,9 +34,10 @@ from plant_sim.can_bus.network.own_frames import bus_map as bus_map_of
 from plant_sim.can_bus.network.profiles import routed_messages
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.wire.frame import EXTENDED, FD
-from plant_sim.driving import maneuvers
+from plant_sim.driving import MANEUVERS, maneuvers
 from vehicles.load import from_table
 from vehicles.model import SensorChannel, Vehicle
+from vehicles.suspensions.tables import AxleTables
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "file-formats.md").read_text(encoding="utf-8")
@@ -82,7 +84,8 @@ def keys_of(kind, prefix=""):
     for field in fields(kind):
         hint = get_type_hints(kind)[field.name]
         hint = next((part for part in get_args(hint) if is_dataclass(part)), hint)
-        if is_dataclass(hint) and (hint is not SensorChannel or field.name == "roll_rate"):
+        shown_before = hint is SensorChannel and field.name != "roll_rate"
+        if is_dataclass(hint) and not shown_before and hint is not AxleTables:
             yield from keys_of(hint, f"{prefix}{field.name}.")
         else:
             yield f"{prefix}{field.name}"
@@ -246,9 +249,13 @@ def test_a_manoeuvre_from_a_file_steers(example):
     vehicle = vehicles.load("van_real")
     run = maneuvers.build("from_file", vehicle, 80 / 3.6, file=str(example("steps.csv")))
     assert run.duration_ns == 3_000_000_000
-    own = {key for key, value in maneuvers.options("from_file").items() if isinstance(value, str)}
+    texts = {
+        name: {key for key, value in maneuvers.options(name).items() if isinstance(value, str)}
+        for name in MANEUVERS
+    }
+    own = texts["from_file"] - set(COMMON)
     assert own == {key.strip("`") for key in first_column(section("A manoeuvre"))}
-    assert own == set(maneuvers.TEXTS)
+    assert set().union(*texts.values()) == set(maneuvers.TEXTS)
 
 
 @pytest.fixture(scope="module")

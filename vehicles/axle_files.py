@@ -15,7 +15,6 @@ from canroll.errors import CanrollError
 from vehicles import tyre_files
 from vehicles.axles import Axle, axles, rebound_ratio
 from vehicles.model import GRAVITY, RollModel, Vehicle
-from vehicles.roll_stiffness import steady_roll
 from vehicles.suspensions.tables import AXLES, SECTION, VehicleTables, files_of, section
 from vehicles.suspensions.wheel import installed
 
@@ -259,6 +258,8 @@ def _of_stops(both: Sequence[Axle]) -> dict[str, float]:
 
 def _of_bars(vehicle: Vehicle) -> dict[str, float]:
     """Roll stiffness of the car on its springs, bars and tyres, and the front axle's share."""
+    from vehicles.roll_stiffness import steady_roll  # noqa: PLC0415 - scipy, which only bars need
+
     assert vehicle.axles is not None
     parts = [
         2.0 * axle.half_track**2 * (axle.spring + 2.0 * tables.bar.stiffness)

@@ -269,14 +269,12 @@ class Metrics:
     path_error_rms_m: float = metric("path error RMS", "m", 3, _ERROR, _rms)
     path_error_max_m: float = metric("path error max", "m", 3, _ERROR, _max, harm=PATH_ERROR)
     ride_vertical_ms2: float | None = metric(
-        "ride vertical, ISO 2631", "m/s²", 3, ("heave_acc",), _weighted(W_K)
+        "ride vertical", "m/s²", 3, ("heave_acc",), _weighted(W_K)
     )
     ride_lateral_ms2: float | None = metric(
-        "ride lateral, ISO 2631", "m/s²", 3, ("sprung_ay",), _weighted(W_D)
+        "ride lateral", "m/s²", 3, ("sprung_ay",), _weighted(W_D)
     )
-    ride_roll_rads2: float | None = metric(
-        "ride roll, ISO 2631", "rad/s²", 3, ("roll_acc",), _weighted(W_E)
-    )
+    ride_roll_rads2: float | None = metric("ride roll", "rad/s²", 3, ("roll_acc",), _weighted(W_E))
     actuator_work_j: float | None = metric("actuator work", "J", 0, POWERS, _power(_work, sum))
     actuator_power_max_w: float | None = metric(
         "actuator power max", "W", 0, POWERS, _power(peak, max)

@@ -154,6 +154,7 @@ TEXTS: Mapping[str, str] = {
     "speed_column": "signal of the file that is the speed; default speed_kmh of a CSV; none",
     "speed_unit": "km/h, m/s or mph; default that of the file",
     "road": "CSV of what the car meets over distance: friction, bank, heights, wind, speed",
+    "road_class": "A to E of ISO 8608",
     "side": "left, right or both",
     "shape": "cosine or half_sine",
 }

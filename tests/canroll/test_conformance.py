@@ -29,6 +29,13 @@ class TestBodies(testing.BodyConformance):
         self.body = request.param
 
 
+BEYOND_ROLL1 = (
+    *("braking_in_curve", "power_off_in_curve"),
+    *("crosswind", "split_friction", "friction_jump"),
+)
+"""Manoeuvres for a car with tyres: roll1 keeps its speed, and no wind or friction moves it."""
+
+
 class TestManoeuvres(testing.ManoeuvreConformance):
     @pytest.fixture(autouse=True, params=list(MANEUVERS))
     def each(self, request, tmp_path):
@@ -37,8 +44,8 @@ class TestManoeuvres(testing.ManoeuvreConformance):
             signal = tmp_path / "signal.csv"
             signal.write_text("time,steering_wheel_deg\n0,0\n1,20\n2,20\n3,0\n")
             self.options = {"file": str(signal)}
-        if self.scenario == "braking_in_curve":
-            self.plant = "nonlinear"  # roll1 keeps its entry speed
+        if self.scenario in BEYOND_ROLL1:
+            self.plant = "nonlinear"
 
 
 class TestBuses(testing.BusConformance):
