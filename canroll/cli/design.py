@@ -11,7 +11,6 @@ from canroll.cli.design_parsers import DEFAULT_DELAY_MS
 from canroll.cli.options import (
     DEFAULT_OUT,
     DEFAULT_SCENARIO,
-    by_key,
     choices_of,
 )
 from canroll.errors import CanrollError, writing
@@ -29,7 +28,6 @@ from gain_gen.design import design
 from gain_gen.laws import LAWS
 from gain_gen.models.task import Check, Delay, Design, Task
 from gain_gen.monitors.detectability import of_calibration
-from gain_gen.monitors.uncertainty import stated
 
 LARGEST_EFFORT = 20_000.0
 """N·m; no actuator's message carries more."""
@@ -65,10 +63,11 @@ def run(args: argparse.Namespace) -> int:
     """Design, write and report; 1 for an as-printed law that fails a check, else 0."""
     if args.compare:
         return compare(args)
-    choices, box = choices_of(args), stated(by_key("--uncertainty", args.uncertainty))
+    choices = choices_of(args)
     stage = stage_of({}, choices)
     answer = design(chosen(choices, "law"), design_task(args))
     options = options_of(choices)
+    box = options.uncertainty
     record, tables = calibrate(answer, options)
     checks = {name: Check(**entry) for name, entry in tables["verification"].items()}
     of_bus = profile_of(choices).warnings

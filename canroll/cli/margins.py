@@ -42,7 +42,8 @@ def run(args: argparse.Namespace) -> int:
     note = vehicles.note_of_change(calibration.vehicle, "calibration")
     if note:
         print(f"note: {note}", file=sys.stderr)
-    box = stated(by_key("--uncertainty", args.uncertainty))
+    designed = stated(calibration.tables.get("uncertainty", {}))
+    box = stated(by_key("--uncertainty", args.uncertainty), designed)
     report = margin_report(calibration)
     if args.out is not None:
         picture = args.out / "margins.png"

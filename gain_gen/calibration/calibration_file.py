@@ -41,6 +41,7 @@ TABLES = frozenset(
         "verification",
         "formats",
         "provenance",
+        "uncertainty",
         VEHICLE,
         "calibration",
     }

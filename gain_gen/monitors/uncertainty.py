@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from math import inf
+from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
 
@@ -65,6 +66,7 @@ class Uncertainty:
     alarms_per_hour: float = 1e-3
 
 
+DEFAULT = Uncertainty()
 SHARES = (
     "mass",
     "height",
@@ -79,20 +81,19 @@ SHARES = (
 """Half-widths that are shares of the nominal value: below 1, so that something is left of it."""
 
 
-def stated(choices: Mapping[str, str]) -> Uncertainty:
-    """Return the defaults with the half-widths in ``choices`` in their place.
+def stated(choices: Mapping[str, Any], box: Uncertainty = DEFAULT) -> Uncertainty:
+    """Return ``box`` with the half-widths in ``choices``, text or numbers, in their place.
 
     Raises:
         UnknownNameError: there is no such half-width.
         CanrollError: not a number, negative, or a share of 1 and more.
     """
-    box = Uncertainty()
     for name, text in choices.items():
         if name not in Uncertainty.__dataclass_fields__:
             raise UnknownNameError("uncertainty", name, Uncertainty.__dataclass_fields__)
         try:
             width = float(text)
-        except ValueError as error:
+        except (TypeError, ValueError) as error:
             raise CanrollError(f"--uncertainty {name}={text}: {text!r} is not a number") from error
         if not 0.0 <= width < (1.0 if name in SHARES else inf):
             most = "below 1, a share of the nominal value" if name in SHARES else "0 or more"
