@@ -379,7 +379,7 @@ class Calibration:
     ]
     response_lateral: Annotated[i32, F(0, COEFFICIENT, 10, "kg·m", "m h")]
     response_inertia: Annotated[
-        i32, F(0, COEFFICIENT, 10, "N·m·s", "I_x over the time constant of the low-pass")
+        i32, F(0, COEFFICIENT, 10, "N·m·s", "effective roll inertia over the low-pass's time")
     ]
     response_pass: Annotated[i32, F(0, ONE, Q_UNIT, "", "low-pass: its weight per tick")]
     response_wash: Annotated[
@@ -391,7 +391,7 @@ class Calibration:
         i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "slow balance: may always be left over")
     ]
     steady_calm: Annotated[
-        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "it starts where no more acts on the body")
+        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "it begins where no more may be wrong")
     ]
     steady_share: Annotated[
         list[i32],

@@ -24,6 +24,10 @@ SIDE_FORCE = 5
 SPRINGS = 6
 DAMPERS = 7
 ACTUATORS = 8
+# values of ecu.response_known: neither balance is judged, that of the moments, both
+NOTHING = 0
+ONE_BALANCE = 1
+BOTH = 2
 # the mean of what a rough road makes forgets by this power of two in a tick
 MEAN = 10
 
@@ -36,16 +40,23 @@ def start_balance(ecu: Ecu, which: i32, acting: i32, momentum: i32) -> None:
     ecu.balance_room[which] = 0
 
 
+def washout(ecu: Ecu, cal: Calibration, which: i32) -> i32:
+    """Return what goes of a balance in a tick; the slow ones are quick until they are judged."""
+    if which == AXLES:
+        return cal.axles_wash
+    if which == HEAVE:
+        return cal.response_wash[1]
+    if (which == LATERAL or which == STEADY) and ecu.response_known == BOTH:
+        return cal.response_wash[1]
+    return cal.response_wash[0]
+
+
 def left_over(ecu: Ecu, cal: Calibration, which: i32, acting: i32, momentum: i32) -> i32:
     """Return what is left of a balance, washed out and low-passed.
 
     ``acting`` is all but the springs' share, ``momentum`` by the low-pass's time constant.
     """
-    wash: i32 = cal.response_wash[0]
-    if which == LATERAL or which == HEAVE:
-        wash = cal.response_wash[1]
-    elif which == AXLES:
-        wash = cal.axles_wash
+    wash: i32 = washout(ecu, cal, which)
     spring: i32 = ecu.balance_spring[which]
     slow: i32 = ecu.balance_slow[which]
     washed: i32 = sat31(spring + acting)

@@ -13,7 +13,8 @@ besides. The shares follow from what is stated not to be known (``gain_gen.monit
 
 A wrong lateral acceleration is left over likewise, and differs from yaw rate times speed to the
 same side, which no lie about moments does. As no bank enters the balance, both may be small and the
-washout slow; but it starts in calm running alone. What the model may be wrong by is a share of
+washout slow; but it is as quick as the other until little acts: what the body's inertia took of
+it at the start is forgotten by then. What the model may be wrong by is a share of
 what springs, dampers and moments say of the lateral acceleration. Its finding lasts as well.
 
 Where yaw rate times speed does not differ from it, what is left of the slow balance is what was
@@ -29,8 +30,11 @@ from firmware.fixed_point import product
 from firmware.monitors.balance import (
     ACTUATORS,
     BODY,
+    BOTH,
     DAMPERS,
     LATERAL,
+    NOTHING,
+    ONE_BALANCE,
     SIDE_FORCE,
     SPRINGS,
     STEADY,
@@ -42,6 +46,7 @@ from firmware.monitors.balance import (
     share,
     start_balance,
     stretch,
+    washout,
 )
 from firmware.monitors.redundancy import lasting, magnitude, side_of
 from firmware.monitors.rolling import ROLL_SIGNAL, YAW, measured, within
@@ -53,10 +58,6 @@ from firmware.subset import i32, rsh, sat31
 LATERAL_SIGNAL = 2
 # what the model may be wrong by fades in 8 time constants of the low-pass
 FADING = 3
-# values of ecu.response_known: neither balance, that of the moments, both
-NOTHING = 0
-ONE_BALANCE = 1
-BOTH = 2
 
 
 def known(ecu: Ecu, cal: Calibration) -> i32:
@@ -138,6 +139,8 @@ def start_parts(ecu: Ecu, damping: i32, moment: i32, lateral: i32, momentum: i32
     start_balance(ecu, DAMPERS, damping, 0)
     start_balance(ecu, ACTUATORS, moment, 0)
     start_balance(ecu, BODY, 0, momentum)
+    start_balance(ecu, LATERAL, sat31(damping - moment - lateral), momentum)
+    start_balance(ecu, STEADY, 0, 0)
     ecu.balance_past[DAMPERS] = damping
 
 
@@ -151,6 +154,11 @@ def rough(ecu: Ecu, cal: Calibration) -> i32:
     of_front: i32 = product(front, cal.response_rough[0], 23)
     of_rear: i32 = product(rear, cal.response_rough[1], 23)
     return sat31(of_front + of_rear)
+
+
+def may_be_left(ecu: Ecu) -> i32:
+    """Return what the model and the start may be wrong by; the latter is washed out."""
+    return sat31(ecu.balance_room[BODY] + ecu.balance_room[SPRINGS])
 
 
 def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32, bumpy: i32) -> None:
@@ -170,8 +178,9 @@ def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32, bumpy: 
         by_stops: i32 = share(actuators, cal.limit_share[1])
         wrong = sat31(wrong + share(inertia, cal.limit_share[0]) + by_stops)
     leave_room(ecu, BODY, wrong, rsh(cal.response_pass, FADING))
+    leave_room(ecu, SPRINGS, 0, cal.response_wash[0])
     late: i32 = product(ecu.balance_room[DAMPERS], cal.response_late[0], 10)
-    limit: i32 = sat31(ecu.balance_room[BODY] + late + cal.response_min)
+    limit: i32 = sat31(may_be_left(ecu) + late + cal.response_min)
     accuse_axles(ecu, BODY, left, limit, cal.response_ticks)
 
 
@@ -196,27 +205,24 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     lateral: i32 = product(ecu.lateral_acceleration, cal.response_lateral, 20)
     momentum: i32 = product(ecu.roll_rate, cal.response_inertia, 23)
     acting: i32 = sat31(damping - moment - lateral)
-    size: i32 = sat31(magnitude(damping) + magnitude(moment) + magnitude(lateral))
     if ecu.response_known == NOTHING:
         ecu.response_known = ONE_BALANCE
         start_parts(ecu, damping, moment, lateral, momentum)
-        # the body may be speeding up by all of it
-        leave_room(ecu, BODY, size, 0)
-    if ecu.response_known == ONE_BALANCE and size < cal.steady_calm:
+        # springs that bear a curve, or a body that is speeding up by as much
+        leave_room(ecu, SPRINGS, product(cal.response_limit, cal.response_lateral, 20), 0)
+    elif ecu.response_known == ONE_BALANCE and may_be_left(ecu) < cal.steady_calm:
         ecu.response_known = BOTH
         ecu.balance_ticks[LATERAL] = 0
         ecu.balance_ticks[STEADY] = 0
-        start_balance(ecu, LATERAL, acting, momentum)
-        start_balance(ecu, STEADY, 0, 0)
     stretched: i32 = product(damping, cal.response_stretch, 30)
     bumpy: i32 = rough(ecu, cal)
     mean_change(ecu, DAMPERS, damping)
+    wrong: i32 = left_over(ecu, cal, LATERAL, acting, momentum)
+    stretch(ecu, LATERAL, stretched)
+    by_force: i32 = at_once(ecu, STEADY, lateral, washout(ecu, cal, STEADY))
     if ecu.response_known == BOTH:
-        wrong: i32 = left_over(ecu, cal, LATERAL, acting, momentum)
-        stretch(ecu, LATERAL, stretched)
         turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
         beside: i32 = product(turning - ecu.lateral_acceleration, cal.response_lateral, 20)
-        by_force: i32 = at_once(ecu, STEADY, lateral, cal.response_wash[1])
         watch_lateral_balance(ecu, cal, wrong, beside, sat31(wrong + by_force))
         watch_model(ecu, cal, by_force, wrong)
         may_be: i32 = of_force(ecu, cal, by_force, wrong) + share(moment, cal.steady_share[2])

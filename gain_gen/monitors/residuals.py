@@ -23,6 +23,7 @@ from gain_gen.monitors.bank import (
 from gain_gen.monitors.linear_car import (
     Car,
     axle_forces,
+    blown,
     car_of,
     deviation,
     effective_inertia,
@@ -32,7 +33,7 @@ from gain_gen.monitors.linear_car import (
     steering_deviation,
     tilted,
 )
-from gain_gen.monitors.noise import OF_RATE, floor, late, walk
+from gain_gen.monitors.noise import FASTEST, OF_RATE, floor, late, walk
 from gain_gen.monitors.uncertainty import NOMINAL, Uncertainty, vertices
 from vehicles import GRAVITY, Vehicle
 
@@ -212,6 +213,7 @@ class Builder:
                 f"body, {name}",
                 terms,
                 time=self.body_time,
+                besides=blown(car.vehicle, box.wind, FASTEST),
                 limit=limit,
             )
 

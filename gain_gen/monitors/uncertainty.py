@@ -35,6 +35,8 @@ class Uncertainty:
         temperature: largest distance from room temperature, K.
         bank: largest bank of the road, rad.
         bank_rate: largest rate at which it changes under the car, rad/s.
+        wind: largest speed of a gust across the road, m/s; 0, as a storm makes as much as moments
+            that are lies.
         hill: largest vertical acceleration that crests and dips make for long, m/s².
         sideslip: largest lateral acceleration of the sideslip alone, linear tyres, m/s².
         response: time by which a car follows its steering, s.
@@ -58,6 +60,7 @@ class Uncertainty:
     temperature: float = 60.0
     bank: float = 0.175
     bank_rate: float = 0.05
+    wind: float = 0.0
     hill: float = 0.9
     sideslip: float = 0.5
     response: float = 0.15
