@@ -156,9 +156,16 @@ def rough(ecu: Ecu, cal: Calibration) -> i32:
     return sat31(of_front + of_rear)
 
 
-def may_be_left(ecu: Ecu) -> i32:
-    """Return what the model and the start may be wrong by; the latter is washed out."""
-    return sat31(ecu.balance_room[BODY] + ecu.balance_room[SPRINGS])
+def watch_calm(ecu: Ecu, cal: Calibration, left: i32) -> None:
+    """Judge the slow balances once little is ``left`` of the start, nor may be of the model."""
+    calm: i32 = 0
+    if sat31(ecu.balance_room[BODY] + magnitude(left)) < cal.steady_calm:
+        calm = 1
+    ecu.balance_ticks[LATERAL] = lasting(ecu.balance_ticks[LATERAL], calm, cal.lateral_ticks)
+    if ecu.balance_ticks[LATERAL] == cal.lateral_ticks:
+        ecu.response_known = BOTH
+        ecu.balance_ticks[LATERAL] = 0
+        ecu.balance_ticks[STEADY] = 0
 
 
 def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32, bumpy: i32) -> None:
@@ -180,7 +187,8 @@ def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32, bumpy: 
     leave_room(ecu, BODY, wrong, rsh(cal.response_pass, FADING))
     leave_room(ecu, SPRINGS, 0, cal.response_wash[0])
     late: i32 = product(ecu.balance_room[DAMPERS], cal.response_late[0], 10)
-    limit: i32 = sat31(may_be_left(ecu) + late + cal.response_min)
+    start: i32 = ecu.balance_room[SPRINGS]
+    limit: i32 = sat31(ecu.balance_room[BODY] + start + late + cal.response_min)
     accuse_axles(ecu, BODY, left, limit, cal.response_ticks)
 
 
@@ -208,12 +216,9 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     if ecu.response_known == NOTHING:
         ecu.response_known = ONE_BALANCE
         start_parts(ecu, damping, moment, lateral, momentum)
+        ecu.balance_ticks[LATERAL] = 0
         # springs that bear a curve, or a body that is speeding up by as much
         leave_room(ecu, SPRINGS, product(cal.response_limit, cal.response_lateral, 20), 0)
-    elif ecu.response_known == ONE_BALANCE and may_be_left(ecu) < cal.steady_calm:
-        ecu.response_known = BOTH
-        ecu.balance_ticks[LATERAL] = 0
-        ecu.balance_ticks[STEADY] = 0
     stretched: i32 = product(damping, cal.response_stretch, 30)
     bumpy: i32 = rough(ecu, cal)
     mean_change(ecu, DAMPERS, damping)
@@ -235,3 +240,5 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     stretch(ecu, SPRINGS, stretched)
     left: i32 = sat31(inertia + springs + dampers - side_force - actuators)
     watch_left_over(ecu, cal, left, inertia, bumpy)
+    if ecu.response_known == ONE_BALANCE:
+        watch_calm(ecu, cal, left)

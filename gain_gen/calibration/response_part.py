@@ -138,9 +138,9 @@ def _body(task: Task, box: Uncertainty, fast: Residual, slow: Residual) -> Field
         "limit_share": shares(LIMIT_SHARE, "limit_share"),
         "response_ticks": ticks,
         "response_wash": [washout(corner, task.tick) for corner in (FAST, SLOW)],
-        # where the model may be wrong by no more than noise is, the slow one begins
-        "steady_min": moment(slow.floor + fast.floor),
-        "steady_calm": moment(fast.floor),
+        # the start may be wrong by as much as noise makes: where no more is left it is judged
+        "steady_min": moment(2.0 * slow.floor),
+        "steady_calm": moment(slow.floor),
         "steady_share": shares(of_moments(box), "steady_share"),
         "lateral_share": shares(of_lateral(box), "lateral_share"),
         "lateral_ticks": ticks,

@@ -16,7 +16,7 @@ STROKE, STRETCH, ARM, INERTIA = (1800.0, 1300.0), 0.05, 595.0, 10_000.0
 SHARES = 0.4, 0.2, 0.15, 0.1, 0.3
 """Of side force, springs, dampers, moments and inertia that may be wrong."""
 LIMIT_SHARES = 0.75, 0.25
-OF_FORCE, OF_MOMENTS, OF_SHOWN = (0.875, 0.5), 0.25, (0.625, 0.5)
+OF_FORCE, OF_MOMENTS, OF_SHOWN = (0.875, 0.01), 0.25, (0.625, 0.5)
 ROUGH = 900.0, 500.0
 AXLES_STRETCH, AXLES_DAMPING, AXLES_ROUGH = (900.0, 700.0), 2.5, 2.0
 AXLES_SHARE, AXLES_SIDE = 0.125, 40.0
@@ -27,6 +27,8 @@ PARTS = ("spring", "slow", "past", "room")
 TICKS = 300
 LEAST = 1.0
 """What a balance may always have left over, N·m."""
+CALM, CALM_TICKS = 20_000.0, 20
+"""The slow balances are judged once less is left for so many ticks, N·m."""
 NEVER = 1000
 """Ticks after which a monitor accuses: more than there are samples."""
 
@@ -36,10 +38,11 @@ def watched() -> fw.Calibration:
     cal = rig.calibration(actuator=fw.BARS)
     cal.timeout_ticks[RX_SUSPENSION_RATE] = 5
     cal.response_min, cal.response_limit = round(LEAST * 2**fw.Q_MOMENT), 3 << fw.Q_ACCELERATION
-    cal.response_ticks = cal.lateral_ticks = cal.axles_ticks = NEVER
+    cal.response_ticks = cal.axles_ticks = NEVER
+    cal.lateral_ticks = CALM_TICKS
     cal.rolling_ticks = cal.heave_ticks = NEVER
     cal.steady_min = cal.response_min
-    cal.steady_calm = 4000 << fw.Q_MOMENT
+    cal.steady_calm = round(CALM * 2**fw.Q_MOMENT)
     cal.response_share, cal.limit_share = shares(*SHARES), shares(*LIMIT_SHARES)
     cal.steady_share, cal.lateral_share = shares(*OF_FORCE, OF_MOMENTS), shares(*OF_SHOWN)
     cal.response_rough = [round(value * 2**10) for value in ROUGH]
@@ -141,6 +144,7 @@ class Floats:
     )
     known: bool = False
     judged: bool = False
+    calm: int = 0
     size: float = 0.0
     changing: float = 0.0
     rates: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -161,9 +165,6 @@ class Floats:
             b[balance.STEADY].start(0.0, 0.0)
             b[balance.DAMPERS].past = damping
             b[balance.SPRINGS].room = 3.0 * ARM
-        elif b[balance.BODY].room + b[balance.SPRINGS].room < 4000.0:
-            self.judged = True
-            b[balance.LATERAL].wash = b[balance.STEADY].wash = SLOW
         stretched = STRETCH * damping
         bumps = [abs(abs(strokes[2 * n]) - abs(strokes[2 * n + 1])) * ROUGH[n] for n in range(2)]
         changed = b[balance.DAMPERS].new(damping, 1.0)
@@ -189,6 +190,12 @@ class Floats:
             wrong += float(np.abs([inertia, parts[3]]) @ LIMIT_SHARES)
         b[balance.BODY].leave_room(wrong, FADING)
         b[balance.SPRINGS].leave_room(0.0, QUICK)
+        left = inertia + parts[1] + parts[2] - parts[0] - parts[3]
+        calm = b[balance.BODY].room + abs(left) < CALM
+        self.calm = self.calm + 1 if calm else 0
+        if self.calm == CALM_TICKS and not self.judged:
+            self.judged = True
+            b[balance.LATERAL].wash = b[balance.STEADY].wash = SLOW
 
     def axles(self, it: Sample) -> None:
         its, strokes = self.balances[balance.AXLES], it.strokes
