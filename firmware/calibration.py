@@ -290,7 +290,7 @@ class Calibration:
         i32, F(0, STATE_MAX // 2, Q_ACCELERATION, "m/s2", "least gap of a_y that counts, 0: off")
     ]
     redundancy_share: Annotated[
-        i32, F(0, SHARE_MAX, Q_SHARE, "", "of the lateral acceleration that is expected besides")
+        i32, F(0, 1 << Q_SHARE, Q_SHARE, "", "of the lateral acceleration that is expected besides")
     ]
     redundancy_limit: Annotated[
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "end of the tyres' linear range")
@@ -334,7 +334,7 @@ class Calibration:
     delivery_min: Annotated[
         i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least width of the band's edges, 0: off")
     ]
-    delivery_share: Annotated[i32, F(0, SHARE_MAX, Q_SHARE, "", "of the band's size besides")]
+    delivery_share: Annotated[i32, F(0, 1 << Q_SHARE, Q_SHARE, "", "of the band's size besides")]
 
     # rolling monitor: the roll rate by the suspensions
     rolling_min: Annotated[
@@ -367,7 +367,7 @@ class Calibration:
     limit_share: Annotated[
         list[i32], 2, F(0, SHARE_MAX, Q_SHARE, "", "of inertia and moments besides above it")
     ]
-    response_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "without a break for wrong moments")]
+    response_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "without a break that count")]
     response_stroke: Annotated[
         list[i32], 2, F(0, COEFFICIENT, 10, "N·s/m", "damping moment over difference of strokes")
     ]
@@ -384,14 +384,11 @@ class Calibration:
     response_pass: Annotated[i32, F(0, ONE, Q_UNIT, "", "low-pass: its weight per tick")]
     response_wash: Annotated[
         list[i32],
-        2,
-        F(0, ONE // 2, Q_UNIT, "", "washout, quick and slow: share that goes per tick"),
+        3,
+        F(0, ONE // 2, Q_UNIT, "", "washout, quick, slow, of the axles: what goes per tick"),
     ]
     steady_min: Annotated[
-        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "slow balance: may always be left over")
-    ]
-    steady_calm: Annotated[
-        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "it begins where no more may be wrong")
+        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "slow balances: may always be left over")
     ]
     steady_share: Annotated[
         list[i32],
@@ -403,12 +400,9 @@ class Calibration:
         2,
         F(0, SHARE_MAX, Q_SHARE, "", "of what the body shows, to its own side, to the other"),
     ]
-    lateral_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "without a break for a wrong a_y")]
 
     # axles monitor, with the response monitor: the tyres of both axles carry what acts on them
     axles_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "without a break that count")]
-    axles_share: Annotated[i32, F(0, SHARE_MAX, Q_SHARE, "", "of the moments besides")]
-    axles_wash: Annotated[i32, F(0, ONE // 2, Q_UNIT, "", "washout: share that goes per tick")]
     axles_min: Annotated[
         i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least moment left over that counts")
     ]

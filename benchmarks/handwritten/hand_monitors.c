@@ -20,6 +20,12 @@ static inline int32_t size_of(int32_t v)
     return (v < 0) ? -v : v;
 }
 
+/* A share of at most 1, of 2^10, rounded to nearest. */
+static inline int32_t share_of(int32_t v, int32_t share)
+{
+    return (int32_t)(((int64_t)v * share + 512) >> 10);
+}
+
 /* Count a bad sample, up to as many in a row as make a finding; whether they do. */
 static inline bool in_a_row(int32_t *count, bool bad, int32_t samples)
 {
@@ -47,7 +53,7 @@ static void compare_lateral(canroll_ecu *ecu, const canroll_calibration *cal)
     }
     if (peak < cal->redundancy_limit) {
         /* in the tyres' linear range, where no sum comes near 32 bits */
-        const int32_t far = cal->redundancy_min + ((now + 1) >> 1);
+        const int32_t far = cal->redundancy_min + share_of(now, cal->redundancy_share);
         apart |= told > larger(turning, steered) + far || told < smaller(turning, steered) - far;
     }
     opposite = (told > least && turning < -least) || (told < -least && turning > least);
@@ -145,7 +151,7 @@ static void compare_moment(canroll_ecu *ecu, const canroll_calibration *cal, uin
     ecu->band_low[axle] = low;
     high = larger(high, ecu->band_high[axle + AXLES]);
     low = smaller(low, ecu->band_low[axle + AXLES]);
-    edge = cal->delivery_min + ((larger(high, -low) + 2) >> 2);
+    edge = cal->delivery_min + share_of(larger(high, -low), cal->delivery_share);
     if (in_a_row(&ecu->astray[axle], follows && (moment > high + edge || moment < low - edge),
             cal->delivery_samples)) {
         ecu->contradicted[axle] = 1;

@@ -61,8 +61,8 @@ def watch_axles(ecu: Ecu, cal: Calibration) -> None:
     rough: i32 = product(magnitude(stretched), cal.axles_rough, 10)
     moments: i32 = sat31(magnitude(ecu.delivered[0]) + magnitude(of_rear))
     by_side: i32 = magnitude(product(ecu.lateral_acceleration, cal.axles_side, 20))
-    wrong: i32 = sat31(rough + share(moments, cal.axles_share) + by_side)
-    leave_room(ecu, AXLES, wrong, rsh(cal.axles_wash, 1))
+    wrong: i32 = sat31(rough + share(moments, cal.response_share[3]) + by_side)
+    leave_room(ecu, AXLES, wrong, rsh(cal.response_wash[2], 1))
     limit: i32 = ecu.balance_room[AXLES] + cal.axles_min
     if ecu.balance_room[AXLES] > cal.axles_rest:
         limit = STATE_MAX

@@ -11,15 +11,15 @@ from firmware.monitors.redundancy import beyond, lasting, magnitude
 from firmware.state import Ecu
 from firmware.subset import clamp, i32, rsh, sat31
 
-# the balances: of the body, of the body by the lateral acceleration, of one axle less the other
-BODY = 0
-LATERAL = 1
-AXLES = 2
+# the balances: of the body by the lateral acceleration, of one axle less the other
+LATERAL = 0
+AXLES = 1
 # of what the springs carry, upright
-HEAVE = 3
+HEAVE = 2
 # what the lateral acceleration's has left over for the moments
-STEADY = 4
-# what acts on the body, part by part
+STEADY = 3
+# of the body, and what acts on it, part by part: the quick ones
+BODY = 4
 SIDE_FORCE = 5
 SPRINGS = 6
 DAMPERS = 7
@@ -42,13 +42,13 @@ def start_balance(ecu: Ecu, which: i32, acting: i32, momentum: i32) -> None:
 
 def washout(ecu: Ecu, cal: Calibration, which: i32) -> i32:
     """Return what goes of a balance in a tick; the slow ones are quick until they are judged."""
+    if which >= BODY:
+        return cal.response_wash[0]
     if which == AXLES:
-        return cal.axles_wash
-    if which == HEAVE:
-        return cal.response_wash[1]
-    if (which == LATERAL or which == STEADY) and ecu.response_known == BOTH:
-        return cal.response_wash[1]
-    return cal.response_wash[0]
+        return cal.response_wash[2]
+    if which != HEAVE and ecu.response_known != BOTH:
+        return cal.response_wash[0]
+    return cal.response_wash[1]
 
 
 def left_over(ecu: Ecu, cal: Calibration, which: i32, acting: i32, momentum: i32) -> i32:

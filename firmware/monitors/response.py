@@ -25,8 +25,8 @@ and of the moments. A model that was seen to be better than it might be stays so
 springs do not change while the car drives. A rough road adds up in what is integrated.
 """
 
-from firmware.calibration import STATE_MAX, Calibration
-from firmware.fixed_point import product
+from firmware.calibration import Q_SHARE, STATE_MAX, Calibration
+from firmware.fixed_point import product, shifted
 from firmware.monitors.balance import (
     ACTUATORS,
     BODY,
@@ -52,7 +52,7 @@ from firmware.monitors.redundancy import lasting, magnitude, side_of
 from firmware.monitors.rolling import ROLL_SIGNAL, YAW, measured, within
 from firmware.plausibility import NEEDED
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, Ecu
-from firmware.subset import i32, rsh, sat31
+from firmware.subset import i32, i64, rsh, sat31
 
 # bit of ecu.valid of an Imu frame
 LATERAL_SIGNAL = 2
@@ -91,19 +91,19 @@ def watch_lateral_balance(ecu: Ecu, cal: Calibration, left: i32, beside: i32, sh
     side: i32 = 0
     if ecu.motion_lost == 0 and (ecu.valid[RX_IMU] & YAW) != 0:
         side = side_of(left, beside, sat31(ecu.balance_room[LATERAL] + cal.steady_min))
-    ecu.balance_ticks[LATERAL] = lasting(ecu.balance_ticks[LATERAL], side & 1, cal.lateral_ticks)
-    if ecu.balance_ticks[LATERAL] == cal.lateral_ticks:
+    ecu.balance_ticks[LATERAL] = lasting(ecu.balance_ticks[LATERAL], side & 1, cal.response_ticks)
+    if ecu.balance_ticks[LATERAL] == cal.response_ticks:
         ecu.lateral_contradicted = 1
 
 
 def watch_model(ecu: Ecu, cal: Calibration, by_force: i32, left: i32) -> None:
     """Note for good that a lateral force leaves over no more for long than to the other side."""
-    if ecu.model_ticks == cal.lateral_ticks:
+    if ecu.model_ticks == cal.response_ticks:
         return
     right: i32 = 0
     if sat31(magnitude(left) + cal.steady_min) < share(by_force, cal.steady_share[1]):
         right = 1
-    ecu.model_ticks = lasting(ecu.model_ticks, right, cal.lateral_ticks)
+    ecu.model_ticks = lasting(ecu.model_ticks, right, cal.response_ticks)
 
 
 def of_force(ecu: Ecu, cal: Calibration, by_force: i32, left: i32) -> i32:
@@ -113,7 +113,7 @@ def of_force(ecu: Ecu, cal: Calibration, by_force: i32, left: i32) -> i32:
     side than the reverse does to the other; until that was seen not to be so.
     """
     own: i32 = cal.steady_share[0]
-    if ecu.model_ticks == cal.lateral_ticks:
+    if ecu.model_ticks == cal.response_ticks:
         own = cal.steady_share[1]
     return of_side(own, cal.steady_share[1], by_force, left)
 
@@ -151,18 +151,16 @@ def rough(ecu: Ecu, cal: Calibration) -> i32:
     """
     front: i32 = magnitude(magnitude(ecu.stroke_rate[0]) - magnitude(ecu.stroke_rate[1]))
     rear: i32 = magnitude(magnitude(ecu.stroke_rate[2]) - magnitude(ecu.stroke_rate[3]))
-    of_front: i32 = product(front, cal.response_rough[0], 23)
-    of_rear: i32 = product(rear, cal.response_rough[1], 23)
-    return sat31(of_front + of_rear)
+    return shifted(front * cal.response_rough[0] + rear * cal.response_rough[1], 23)
 
 
 def watch_calm(ecu: Ecu, cal: Calibration, left: i32) -> None:
     """Judge the slow balances once little is ``left`` of the start, nor may be of the model."""
     calm: i32 = 0
-    if sat31(ecu.balance_room[BODY] + magnitude(left)) < cal.steady_calm:
+    if sat31(ecu.balance_room[BODY] + magnitude(left)) < rsh(cal.steady_min, 1):
         calm = 1
-    ecu.balance_ticks[LATERAL] = lasting(ecu.balance_ticks[LATERAL], calm, cal.lateral_ticks)
-    if ecu.balance_ticks[LATERAL] == cal.lateral_ticks:
+    ecu.balance_ticks[LATERAL] = lasting(ecu.balance_ticks[LATERAL], calm, cal.response_ticks)
+    if ecu.balance_ticks[LATERAL] == cal.response_ticks:
         ecu.response_known = BOTH
         ecu.balance_ticks[LATERAL] = 0
         ecu.balance_ticks[STEADY] = 0
@@ -175,15 +173,16 @@ def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32, bumpy: 
     """
     # a part has no momentum: it is what its low-pass holds
     actuators: i32 = ecu.balance_slow[ACTUATORS]
-    wrong: i32 = share(ecu.balance_slow[SIDE_FORCE], cal.response_share[0])
-    wrong = sat31(wrong + share(ecu.balance_slow[SPRINGS], cal.response_share[1]))
-    wrong = sat31(wrong + share(ecu.balance_slow[DAMPERS], cal.response_share[2]))
-    wrong = sat31(wrong + share(actuators, cal.response_share[3]))
-    wrong = sat31(wrong + share(inertia, cal.response_share[4]) + bumpy)
+    shares: i64 = cal.response_share[0] * magnitude(ecu.balance_slow[SIDE_FORCE])
+    shares += cal.response_share[1] * magnitude(ecu.balance_slow[SPRINGS])
+    shares += cal.response_share[2] * magnitude(ecu.balance_slow[DAMPERS])
+    shares += cal.response_share[3] * magnitude(actuators)
+    shares += cal.response_share[4] * magnitude(inertia)
     if within(ecu, cal.response_limit) == 0:
         # stops take up what actuators give up, and no spring shows it
-        by_stops: i32 = share(actuators, cal.limit_share[1])
-        wrong = sat31(wrong + share(inertia, cal.limit_share[0]) + by_stops)
+        shares += cal.limit_share[0] * magnitude(inertia)
+        shares += cal.limit_share[1] * magnitude(actuators)
+    wrong: i32 = sat31(shifted(shares, Q_SHARE) + bumpy)
     leave_room(ecu, BODY, wrong, rsh(cal.response_pass, FADING))
     leave_room(ecu, SPRINGS, 0, cal.response_wash[0])
     late: i32 = product(ecu.balance_room[DAMPERS], cal.response_late[0], 10)

@@ -137,13 +137,11 @@ def _body(task: Task, box: Uncertainty, fast: Residual, slow: Residual) -> Field
         "response_limit": acceleration(RESPONSE_LINEAR),
         "limit_share": shares(LIMIT_SHARE, "limit_share"),
         "response_ticks": ticks,
-        "response_wash": [washout(corner, task.tick) for corner in (FAST, SLOW)],
-        # the start may be wrong by as much as noise makes: where no more is left it is judged
+        "response_wash": [washout(corner, task.tick) for corner in (FAST, SLOW, AXLES)],
+        # the start may be wrong by half of it: where no more is left, it is judged
         "steady_min": moment(2.0 * slow.floor),
-        "steady_calm": moment(slow.floor),
         "steady_share": shares(of_moments(box), "steady_share"),
         "lateral_share": shares(of_lateral(box), "lateral_share"),
-        "lateral_ticks": ticks,
     }
 
 
@@ -182,8 +180,6 @@ def _axles(task: Task, box: Uncertainty, residual: Residual) -> Fields:
     lateral, yaw, carried = axle_forces(task.vehicle, scale)
     return {
         "axles_ticks": ticks_of(residual.time, task.tick),
-        "axles_share": shares([box.moment], "axles_share")[0],
-        "axles_wash": washout(AXLES, task.tick),
         "axles_min": moment(residual.floor),
         "axles_rest": moment(AXLES_REST * tyres[0]),
         "axles_limit": acceleration(residual.limit),

@@ -33,8 +33,8 @@ def watched() -> fw.Calibration:
     cal = rig.calibration(actuator=fw.BARS)
     cal.axles_ticks = 20
     cal.response_pass = round(STEP / LOW_PASS * 2**30)
-    cal.axles_wash = round(STEP * WASHOUT * 2**30)
-    cal.axles_share = round(OF_MOMENTS * 2**fw.Q_SHARE)
+    cal.response_wash = [0, 0, round(STEP * WASHOUT * 2**30)]
+    cal.response_share[3] = round(OF_MOMENTS * 2**fw.Q_SHARE)
     scale = np.array([1.0, SHARE])
     stretch = scale * (SPRINGS + TYRES)
     cal.axles_min = round(LEAST * 2**fw.Q_MOMENT)

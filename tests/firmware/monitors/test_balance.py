@@ -30,8 +30,8 @@ ONE = 2.0**fw.Q_MOMENT
 def watched() -> fw.Calibration:
     """A calibration with all filters."""
     cal = rig.calibration()
-    cal.response_pass, cal.axles_wash = round(PASS * 2**30), round(OF_AXLES * 2**30)
-    cal.response_wash = [round(QUICK * 2**30), round(SLOW * 2**30)]
+    cal.response_pass = round(PASS * 2**30)
+    cal.response_wash = [round(wash * 2**30) for wash in (QUICK, SLOW, OF_AXLES)]
     return cal
 
 

@@ -19,7 +19,7 @@ LIMIT_SHARES = 0.75, 0.25
 OF_FORCE, OF_MOMENTS, OF_SHOWN = (0.875, 0.01), 0.25, (0.625, 0.5)
 ROUGH = 900.0, 500.0
 AXLES_STRETCH, AXLES_DAMPING, AXLES_ROUGH = (900.0, 700.0), 2.5, 2.0
-AXLES_SHARE, AXLES_SIDE = 0.125, 40.0
+AXLES_SIDE = 40.0
 REAR, AT_CENTRES, YAW = 1.2, -150.0, 4000.0
 HEAVE_STRETCH = (300.0, 250.0)
 TRACK, ROLLING_SHARE, TYRES = (0.6, 0.65), 0.25, 4e-5
@@ -27,35 +27,33 @@ PARTS = ("spring", "slow", "past", "room")
 TICKS = 300
 LEAST = 1.0
 """What a balance may always have left over, N·m."""
-CALM, CALM_TICKS = 20_000.0, 20
+CALM, CALM_TICKS = 16_000.0, 20
 """The slow balances are judged once less is left for so many ticks, N·m."""
 NEVER = 1000
 """Ticks after which a monitor accuses: more than there are samples."""
 
 
 def watched() -> fw.Calibration:
-    """A calibration with all balances on, which finds nothing in time."""
+    """A calibration with all balances on, which finds no axle in time."""
     cal = rig.calibration(actuator=fw.BARS)
     cal.timeout_ticks[RX_SUSPENSION_RATE] = 5
     cal.response_min, cal.response_limit = round(LEAST * 2**fw.Q_MOMENT), 3 << fw.Q_ACCELERATION
-    cal.response_ticks = cal.axles_ticks = NEVER
-    cal.lateral_ticks = CALM_TICKS
+    cal.response_ticks, cal.axles_ticks = CALM_TICKS, NEVER
     cal.rolling_ticks = cal.heave_ticks = NEVER
-    cal.steady_min = cal.response_min
-    cal.steady_calm = round(CALM * 2**fw.Q_MOMENT)
+    cal.steady_min = round(2.0 * CALM * 2**fw.Q_MOMENT)
     cal.response_share, cal.limit_share = shares(*SHARES), shares(*LIMIT_SHARES)
     cal.steady_share, cal.lateral_share = shares(*OF_FORCE, OF_MOMENTS), shares(*OF_SHOWN)
     cal.response_rough = [round(value * 2**10) for value in ROUGH]
     cal.response_stroke = [round(value * 2**10) for value in STROKE]
     cal.response_stretch = round(STRETCH * 2**30)
     cal.response_lateral, cal.response_inertia = round(ARM * 2**10), round(INERTIA * 2**10)
-    cal.response_pass, cal.axles_wash = round(PASS * 2**30), round(OF_AXLES * 2**30)
-    cal.response_wash = [round(QUICK * 2**30), round(SLOW * 2**30)]
+    cal.response_pass = round(PASS * 2**30)
+    cal.response_wash = [round(wash * 2**30) for wash in (QUICK, SLOW, OF_AXLES)]
     cal.axles_min, cal.axles_rest = 1 << fw.Q_MOMENT, 10_000 << fw.Q_MOMENT
     cal.axles_limit = 7 << fw.Q_ACCELERATION
     cal.axles_stretch = [round(value * 2**10) for value in AXLES_STRETCH]
     cal.axles_damping, cal.axles_rough = round(AXLES_DAMPING * 2**10), round(AXLES_ROUGH * 2**10)
-    cal.axles_share, cal.axles_side = shares(AXLES_SHARE)[0], round(AXLES_SIDE * 2**10)
+    cal.axles_side = round(AXLES_SIDE * 2**10)
     cal.axles_rear = round(REAR * 2**28)
     cal.axles_lateral, cal.axles_yaw = round(AT_CENTRES * 2**10), round(YAW * 2**10)
     cal.heave_min = 1 << fw.Q_MOMENT
@@ -209,7 +207,7 @@ class Floats:
         its.left_over(acting, momentum)
         its.spring += stretched
         moments = abs(it.delivered[0]) + abs(rear)
-        wrong = AXLES_ROUGH * abs(stretched) + AXLES_SHARE * moments
+        wrong = AXLES_ROUGH * abs(stretched) + SHARES[3] * moments
         its.leave_room(wrong + AXLES_SIDE * abs(it.lateral), OF_AXLES / 2.0)
 
     def heave(self, it: Sample) -> None:

@@ -25,7 +25,7 @@ def watched() -> fw.Calibration:
     """A calibration with the monitor on."""
     cal = rig.calibration(actuator=fw.SUSPENSION)
     cal.response_pass = round(STEP / 0.05 * 2**30)
-    cal.response_wash = [0, round(STEP * 0.08 * 2**30)]
+    cal.response_wash = [0, round(STEP * 0.08 * 2**30), 0]
     cal.heave_late = round(OF_MEAN * 2**10)
     cal.heave_min = round(LEAST * 2**fw.Q_MOMENT)
     cal.heave_ticks = TICKS
