@@ -290,7 +290,7 @@ class Calibration:
         i32, F(0, STATE_MAX // 2, Q_ACCELERATION, "m/s2", "least gap of a_y that counts, 0: off")
     ]
     redundancy_share: Annotated[
-        i32, F(0, 1 << Q_SHARE, Q_SHARE, "", "of the lateral acceleration that is expected besides")
+        i32, F(0, SHARE_MAX, Q_SHARE, "", "of the lateral acceleration that is expected besides")
     ]
     redundancy_limit: Annotated[
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "end of the tyres' linear range")
@@ -334,7 +334,7 @@ class Calibration:
     delivery_min: Annotated[
         i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least width of the band's edges, 0: off")
     ]
-    delivery_share: Annotated[i32, F(0, 1 << Q_SHARE, Q_SHARE, "", "of the band's size besides")]
+    delivery_share: Annotated[i32, F(0, SHARE_MAX, Q_SHARE, "", "of the band's size besides")]
 
     # rolling monitor: the roll rate by the suspensions
     rolling_min: Annotated[

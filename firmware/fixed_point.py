@@ -3,7 +3,7 @@
 from typing import Annotated
 
 from firmware.calibration import N_STATES, Q_SHARE
-from firmware.subset import i32, i64, narrow, rsh, sat31, scaled, tdiv
+from firmware.subset import i32, i64, sat31, scaled, tdiv
 
 
 def product(a: i32, b: i32, n: i32) -> i32:
@@ -11,9 +11,9 @@ def product(a: i32, b: i32, n: i32) -> i32:
     return scaled(a * b, n)
 
 
-def part(value: i32, share: i32) -> i32:
-    """Return a ``share`` of at most 1 of a ``value`` of 31 bits, rounded to nearest."""
-    return narrow(rsh(value * share, Q_SHARE))
+def with_share(least: i32, value: i32, share: i32) -> i32:
+    """Return ``least`` and a ``share`` of ``value``, rounded to nearest, limited to 31 bits."""
+    return scaled(least * (1 << Q_SHARE) + value * share, Q_SHARE)
 
 
 def shifted(v: i64, n: i32) -> i32:
