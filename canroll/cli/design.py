@@ -99,6 +99,9 @@ def show(answer: Design) -> None:
     """Print gains, checks and warnings of a design."""
     print("\n".join((*design_view.head(answer), "")))
     terminal.show_table(design_view.checks(answer.verified))
+    margin = answer.max_delay - answer.task.delay.most
+    for line in design_view.over_draws(answer.margins, margin):
+        print(line)
     if not answer.is_verified:
         print("NOT VERIFIED: written for comparison only")
     terminal.show_warnings(answer.warnings)
