@@ -28,6 +28,7 @@ from canroll.identification.pieces import EVERYTHING, SAMPLE, Piece, Window, pie
 from canroll.identification.unknowns import Unknown
 from canroll.typing import Progress, Vector
 from vehicles import Vehicle
+from vehicles.fit_spread import SECTION, section_of, value_of
 from vehicles.load import from_table
 
 SURPRISING = 3.0
@@ -209,7 +210,7 @@ def fit(
     return Fit(
         log=name,
         start=vehicle,
-        vehicle=fitted(vehicle, numbers, name),
+        vehicle=fitted(vehicle, numbers, covariance * scale, name),
         numbers=numbers,
         covariance=covariance * scale,
         information=content,
@@ -309,11 +310,23 @@ def _agreements(model: Model, x: Vector) -> tuple[Agreement, ...]:
     )
 
 
-def fitted(vehicle: Vehicle, numbers: tuple[FittedNumber, ...], log: str) -> Vehicle:
+def fitted(
+    vehicle: Vehicle,
+    numbers: tuple[FittedNumber, ...],
+    covariance: NDArray[np.float64],
+    log: str,
+) -> Vehicle:
     """Return the vehicle with fitted numbers, whose sources have their standard deviations.
 
     Numbers that the log does not tell keep theirs. A body without load that the vehicle's file
     has would contradict the fitted one, and is left out.
+
+    Args:
+        vehicle: where the fit started.
+        numbers: all that was unknown.
+        covariance: of the numbers (p, p), in products of their units; the spread of those that the
+            log does not tell is their prior's.
+        log: its name.
 
     Raises:
         CanrollError: no vehicle can have the numbers.
@@ -341,7 +354,7 @@ def fitted(vehicle: Vehicle, numbers: tuple[FittedNumber, ...], log: str) -> Veh
         ("suspension.spring_rate_rear", vehicle.suspension.spring_rate_rear),
         ("mass.pitch_inertia", vehicle.mass.pitch_inertia),
     ):
-        if unknowns.value_of(changed, key) != before:
+        if value_of(changed, key) != before:
             sources[key] = f"follows from the numbers fitted on {log}: {before:.4g} before"
     plant = any(n.unknown.key.startswith("plant.") for n in own)
     if plant and "empty" in table:
@@ -354,4 +367,7 @@ def fitted(vehicle: Vehicle, numbers: tuple[FittedNumber, ...], log: str) -> Veh
         sources["design"] = "equal to the plant"
     table["title"] = f"{vehicle.title}, fitted"
     table["basis"] = f"fitted on {log}; before: {vehicle.basis}"
+    of_car = [i for i, number in enumerate(numbers) if not number.unknown.of_log]
+    keys = [numbers[i].unknown.key for i in of_car]
+    table[SECTION] = section_of(log, keys, covariance[np.ix_(of_car, of_car)])
     return from_table(table, name=vehicle.name, where=f"fitted {vehicle.name}", unusual=None)
