@@ -1,7 +1,7 @@
 """A design as people read it: its gains, its checks with limits, and its other numbers."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from math import inf
+from math import inf, isfinite
 
 from canroll.report.page import PageTable
 from gain_gen.calibration.freeze import summary
@@ -96,7 +96,7 @@ def head(answer: Design) -> Iterator[str]:
 
 
 def over_draws(numbers: Mapping[str, float], delay_margin: float) -> Iterator[str]:
-    """Yield the line on the draws of the vehicle's fit, if it has one.
+    """Yield the lines on the draws of the vehicle's fit, if it has one.
 
     Args:
         numbers: of :func:`gain_gen.analysis.fitted_family.margins_of_draws`, among others.
@@ -104,22 +104,16 @@ def over_draws(numbers: Mapping[str, float], delay_margin: float) -> Iterator[st
     """
     if "draws" not in numbers:
         return
-    texts = {
-        of: (
-            value("gain_db", numbers[f"{of}_gain_db"]),
-            value("phase_deg", numbers[f"{of}_phase_deg"]),
-            f"{numbers[f'{of}_peak_sensitivity']:.3g}",
-        )
+    delay = f"{1e3 * delay_margin:.3g} ms" if isfinite(delay_margin) else "any"
+    draws, alone = (
+        f"gain margin {value('gain_db', numbers[f'{of}_gain_db'])}, "
+        f"phase margin {value('phase_deg', numbers[f'{of}_phase_deg'])}, "
+        f"Ms {numbers[f'{of}_peak_sensitivity']:.3g}"
         for of in ("draws", "fitted")
-    }
-    gain, phase, peak = texts["draws"]
-    yield (
-        f"over {numbers['draws']:.0f} draws of the fit: least gain margin {gain}, phase margin "
-        f"{phase}, delay margin {value('s', 1e3 * delay_margin).replace(' s', ' ms')}, "
-        f"largest Ms {peak}"
     )
-    gain, phase, peak = texts["fitted"]
-    yield f"of the fitted car alone: {gain}, {phase}; Ms {peak}"
+    count = f"{numbers['draws']:.0f}"
+    yield f"worst of {count} draws of the fit: {draws}, delay margin {delay}"
+    yield f"the fitted car alone: {alone}"
 
 
 def checks(verified: Mapping[str, Check]) -> PageTable:
