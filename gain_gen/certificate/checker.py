@@ -155,7 +155,7 @@ def remainder(a: Any, b: Any, p: Any, channel: Any, tick: Any, ends: Any) -> Any
         bend = a * (a * at + b)  # second derivative, in the cell by its series
         for i, (by, to) in enumerate(((one, onto), (p, beside))):
             out[i] = out[i].max(norm(by, to * (full - at - centre)))
-            bent = to * bend + to * a * bend * time + to * more * bend * (time**2 / 2)
+            bent = to * bend + to * (a * bend) * time + to * (more * bend) * (time**2 / 2)
             bow[i] = bow[i].max(norm(by, bent))
     # between two points a curve is off its chord by an eighth of its second derivative
     within, off = (x + y * arb(step * step / 8) for x, y in zip(out, bow))
