@@ -50,6 +50,8 @@ def balanced(loop: UncertainLoop) -> Balance:
     def gain(free: Matrix) -> float:
         return balance(free).gain
 
+    if not len(start):  # of a single one there is nothing to balance
+        return balance(start)
     return balance(
         np.asarray(minimize(gain, start, method="Nelder-Mead", options={"maxiter": ITERATIONS}).x)
     )

@@ -191,10 +191,13 @@ def solved(
     d[:, : len(weights)] = c[:, n:] / np.sqrt(weights)
     c = c[:, :n] * sizes / np.sqrt(decay)
     a = loop.a * np.sqrt((1.0 + 2.0 * SLACK) / decay) * sizes / sizes[:, None]
-    w = _least(a, b, c, d)
-    if w is None:
+    try:
+        w = _least(a, b, c, d)
+        p = None if w is None else np.linalg.inv(w)
+    except np.linalg.LinAlgError:
         return None
-    p = np.linalg.inv(w)
+    if w is None or p is None:
+        return None
     p = 0.5 * (p + p.T) / np.outer(sizes, sizes)
     reach = float(np.sqrt((loop.roll * sizes) @ w @ (loop.roll * sizes)))
     return LyapunovPoint(p, decay, delays, weights, 0.0, reach, w * np.outer(sizes, sizes))
