@@ -43,7 +43,7 @@ from gain_gen.laws.rate_gain import free_peak
 from gain_gen.models.task import Task
 from vehicles import Vehicle
 
-FORMAT = "canroll certificate 1"
+FORMAT = "canroll certificate 2"
 INTEGERS = (
     *("tick_us", "law", "measurements", "phi", "phi_shift", "gamma", "gamma_steering"),
     *("output", "output_moment", "output_shift", "correction", "correction_shift"),

@@ -16,10 +16,10 @@ from typing import Any
 from flint import arb, arb_mat, ctx, fmpq
 
 ctx.prec = 192
-Q_READINGS, Q_MOMENT = (27, 24, 14), 14
-MORE = fmpq(1, 100)  # (a + b)^2 <= (1 + MORE) a^2 + (1 + 1 / MORE) b^2
+Q_READINGS, NEWTON_METRE = (27, 24, 14), 1 << 14
+MORE, REST = fmpq(101, 100), 101  # (a + b)^2 <= MORE a^2 + REST b^2
 LIMIT = 1 << 30  # of every value that the code stores; beyond it saturates
-COARSE = 3 << 11  # the trigger rounds command, sent command and floor to quarters of a N m, Q14
+COARSE = 1 << 13  # of the trigger, Q14: it rounds two commands, size and floor to quarters of a N m
 
 
 class Form(dict[Any, Any]):
@@ -65,9 +65,8 @@ def rows(names: Any, *forms: Form) -> Any:
 
 def squares(names: Any, terms: Any) -> Any:
     """Return the matrix of a sum of squares of forms, each times a factor."""
-    plain = rows(names, *(form for _, form in terms))
-    scaled = [[x * factor for x in row] for row, (factor, _) in zip(plain.tolist(), terms)]
-    return plain.transpose() * arb_mat(scaled)
+    scaled = rows(names, *(form.times(factor) for factor, form in terms))
+    return rows(names, *(form for _, form in terms)).transpose() * scaled
 
 
 def controller(c: Any, gain: int, y: list[Form], past: list[Form]) -> Any:
@@ -85,8 +84,7 @@ def controller(c: Any, gain: int, y: list[Form], past: list[Form]) -> Any:
 
     rate, lateral, moment = y
     on_roll = {0: [[1]], 1: [c["output_gain"][2:]], 2: c["compensator_b"] + c["compensator_d"]}
-    x = variables("c", 5 if any(each[0] for each in on_roll[c["law"]]) else 0)
-    x = advance(x, moment) if x else x
+    x = advance(variables("c", 5), moment) if any(k[0] for k in on_roll[c["law"]]) else []
     for m in [m for m in (0, 1) if x and c["measurements"] >> m & 1]:
         coefficients = [*c["output"][m], c["output_moment"][m]]
         off = y[m] + row(coefficients, c["output_shift"][m], [*x, moment]).times(-1)
@@ -101,10 +99,8 @@ def controller(c: Any, gain: int, y: list[Form], past: list[Form]) -> Any:
         n, m = c["compensator_order"], c["compensator_outputs"]
         forms = [roll, rate, lateral, steered, *variables("c", len(x) + n)[len(x) :]]
         rows = zip(c["compensator_d"], c["compensator_c"], c["compensator_output_shift"])
-        wants = [row(d + k[:n], shift, forms) for d, k, shift in rows][:m]
-        forms += [row([gain], 28, [wanted]) for wanted in wants]
-        names = ("compensator_b", "compensator_a", "compensator_e", "compensator_shift")
-        states = list(zip(*(c[name] for name in names)))[:n]
+        forms += [row([gain], 28, [row(d + k[:n], s, forms)]) for d, k, s in list(rows)[:m]]
+        states = list(zip(*(c[f"compensator_{name}"] for name in ("b", "a", "e", "shift"))))[:n]
         x += [row(b + a[:n] + e[:m], shift, forms) for b, a, e, shift in states]
         return sum(forms[4 + n :], Form()), x, stored
     ahead = x
@@ -115,6 +111,12 @@ def controller(c: Any, gain: int, y: list[Form], past: list[Form]) -> Any:
     wanted = row(c["feedback"], c["feedback_shift"], ahead)
     stored.append(wanted + row(c["feedforward"], c["feedforward_shift"], ahead))
     return row([gain], 28, [stored[-1].times(-1)]), x, stored
+
+
+def require(truth: Any, otherwise: str) -> None:
+    """Refuse what is not true."""
+    if not truth:
+        raise ValueError(otherwise)
 
 
 def positive(matrix: Any) -> bool:
@@ -144,26 +146,29 @@ def remainder(a: Any, b: Any, p: Any, channel: Any, tick: Any, ends: Any) -> Any
     n, cells = a.nrows(), abs(channel["cells"])
     g, onto, centre = (balls(channel[name]) for name in ("generators", "onto", "centre"))
     step, full = (ends[1] - ends[0]) / cells, part(flow(a, b, tick), n, [n])
-    onward, within = flow(a, b, step), flow(a, b, arb(step / 2, step / 2))
-    state = part(flow(a, b, tick - ends[1]), n + 1, [n])
-    off = bend = arb(0)
+    onward, time = flow(a, b, step), arb(step / 2, step / 2)
+    state, more = part(flow(a, b, tick - ends[1]), n + 1, [n]), a * a * (a * time).exp()
+    one, beside = (onto * 0 * onto.transpose()).exp(), (a * 0).exp() - g * onto
+    out, bow = [arb(0)] * 2, [arb(0)] * 2
     for _ in range(cells + 1):
-        gamma = part(state, n, [0])
-        w = onto * (full - gamma - centre)
-        if not (w.transpose() * w)[0, 0] <= 1:
-            raise ValueError("the curve of the delay leaves its ellipsoid")
-        off = off.max(norm(p, full - gamma - centre - g * w))
-        bend = bend.max(norm(p, a * (a * part(within * state, n, [0]) + b)))
-        state = onward * state
-    return off + bend * arb(step * step / 8)
+        at, state = part(state, n, [0]), onward * state
+        bend = a * (a * at + b)  # second derivative, in the cell by its series
+        for i, (by, to) in enumerate(((one, onto), (p, beside))):
+            out[i] = out[i].max(norm(by, to * (full - at - centre)))
+            bent = to * bend + to * (a * bend) * time + to * (more * bend) * (time**2 / 2)
+            bow[i] = bow[i].max(norm(by, bent))
+    # between two points a curve is off its chord by an eighth of its second derivative
+    within, off = (x + y * arb(step * step / 8) for x, y in zip(out, bow))
+    require(within <= 1, "the curve of the delay leaves its ellipsoid")
+    return off
 
 
 class Sampled:
     """The sampled loop of a condition for a claim: its variables and forms.
 
-    Variables: the states (car, past commands, controller); as inputs what is withheld of a command
-    (e), the roundings of the controller's states (n) and disturbances (d); the places of the delays
-    in their ellipsoids (w).
+    Variables: the states (car, past commands, controller); as inputs what a trigger withholds of a
+    command and its rounding (e), the roundings of the controller's states (n) and disturbances (d);
+    the places of the delays in their ellipsoids (w).
     """
 
     def __init__(self, c: Any, condition: Any, claim: Any, tick: Any) -> None:
@@ -171,43 +176,49 @@ class Sampled:
         ages = range(int(-((-self.delay[1] / tick).floor())))
         self.ends = [[max(0, min(tick, s - j * tick)) for s in self.delay] for j in ages]
         past = variables("u", max(len(ages), c["predict_steps"], 1))
-        x, y = variables("x", len(condition["a"])), []
-        for j, row in enumerate(condition["readings"]):
-            exact = combined(map(number, row), x).times(1 << Q_READINGS[j])
-            y.append(exact + Form({("rounding", "y", j): self.off[j]}))
+        x = variables("x", len(condition["a"]))
+        read = [combined(map(number, row), x) for row in condition["readings"]]
+        scaled = [form.times(1 << q) for form, q in zip(read, Q_READINGS, strict=True)]
+        y = [form + Form({("rounding", "y", j): self.off[j]}) for j, form in enumerate(scaled)]
         heard = [u + Form({("rounding", "u", j): self.off[3]}) for j, u in enumerate(past)]
-        self.command, inner, self.stored = controller(c, condition["gain_factor"], y, heard)
-        self.roll = combined(map(number, condition["roll"]), x)
-        self.extra, self.inner = self.command.rounding() + self.off[4], inner
-        noise, withheld = variables("n", len(inner)), variables("e", 1)
-        self.sent = self.command + withheld[0]
+        command, inner, stored = controller(c, condition["gain_factor"], y, heard)
+        self.trigger, noise = int(bool(claim["trigger"])), variables("n", len(inner))
+        self.error = variables("e", 1 + self.trigger)
+        self.sent = sum(self.error, command + Form({("rounding", "sent"): self.off[4]}))
+        self.roll, self.stored = combined(map(number, condition["roll"]), x), [*stored, self.sent]
         self.jumps = [past[j] + (past[j - 1] if j else self.sent).times(-1) for j in ages]
         self.shifted = [self.sent, *past[:-1], *(s + n for s, n in zip(inner, noise))]
         self.driven = [Form({("d", each["input"]): fmpq(1)}) for each in claim["disturbances"]]
         self.states = [*x, *past, *variables("c", len(inner))]
-        self.inputs = [*withheld, *noise, *self.driven]
+        self.inputs = [*self.error, *noise, *self.driven]
         self.places = [variables(f"w{j}", len(w["onto"])) for j, w in enumerate(claim["channels"])]
         self.names = [name for form in sum(self.places, self.states + self.inputs) for name in form]
+        # a held command was sent with its resolution: twice that, as the threshold is at most one
+        floor = MORE * c["trigger_floor"] ** 2 + REST * (2 * self.off[4] + COARSE) ** 2
+        self.squares = [floor] * self.trigger + [x.rounding() ** 2 for x in (self.sent, *inner)]
 
 
 def proved(c: Any, condition: Any, claim: Any, tick: Any) -> dict[str, Any]:
     """Return the bounds that a claim's inequality proves; ValueError where it does not hold."""
-    loop, trigger = Sampled(c, condition, claim, tick), int(claim["trigger"])
+    loop = Sampled(c, condition, claim, tick)
     names, a, p = loop.names, balls(condition["a"]), balls(claim["p"])
     n, inputs = a.nrows(), balls(condition["b"])
     decay, slack, *weights = map(number, (claim["decay"], claim["slack"], *claim["weights"]))
     limits = {("d", each["input"]): number(each["most"]) for each in claim["disturbances"]}
-    bounds = [loop.extra, *(form.rounding() for form in loop.inner), *limits.values()]
-    floor = (1 + MORE) * c["trigger_floor"] ** 2 + (1 + 1 / MORE) * (loop.extra + COARSE) ** 2
-    spent = sum((w * most**2 for w, most in zip(weights, bounds)), weights[0] * trigger * floor)
-    share = trigger * fmpq(c["trigger_epsilon_squared"], 1 << 20)
-    fine = 0 <= loop.delay[0] <= loop.delay[1] and slack > 0 and decay < 1 and min(loop.off) >= 0
-    fine &= len(loop.ends) == len(loop.places) and not (trigger and c["compensator_outputs"] > 1)
+    bounds = [*loop.squares, *(most**2 for most in limits.values())]
+    spent = sum((w * square for w, square in zip(weights, bounds)), fmpq(0))
+    share = loop.trigger * MORE * fmpq(c["trigger_epsilon_squared"], 1 << 20)
+    fine = 0 <= loop.delay[0] <= loop.delay[1] and slack > 0 and decay < 1 and share <= MORE
+    fine &= min(*loop.off, *weights, *limits.values(), 0) >= 0
+    fine &= len(loop.ends) == len(loop.places) and loop.trigger * c["compensator_outputs"] < 2
 
     held, b, plant = flow(a, inputs, tick), part(inputs, n, [0]), part(p, n, range(n))
     full = part(held, n, [n])
     moved = part(held, n, range(n)) * rows(names, *loop.states[:n]) + full * rows(names, loop.sent)
-    terms = [(weights[0] * share * (1 + MORE), loop.sent), (int(claim["performance"]), loop.roll)]
+    terms = [(weights[0] * share, loop.sent), (int(bool(claim["performance"])), loop.roll)]
+    # what is withheld is zero, or the command is that before: any multiple of the product is zero
+    q, change = loop.trigger * number(claim["switching"]) / 4, loop.sent + loop.states[n].times(-1)
+    terms += [(q, change + loop.error[0]), (-q, change + loop.error[0].times(-1))]
     for ends, jump, w, channel in zip(loop.ends, loop.jumps, loop.places, claim["channels"]):
         rho, d = remainder(a, b, plant, channel, tick, ends), number(channel["weight"])
         centre, generators = balls(channel["centre"]), balls(channel["generators"])
@@ -219,23 +230,20 @@ def proved(c: Any, condition: Any, claim: Any, tick: Any) -> dict[str, Any]:
     terms += [(-w, form) for w, form in zip(weights, loop.inputs, strict=True)]
     form = states.transpose() * p * states * decay - squares(names, terms)
     form -= arb_mat(after).transpose() * p * arb_mat(after) * (1 + slack)
-    if not (fine and positive(p) and positive(form)):
-        raise ValueError("the inequality does not hold")
+    require(fine and positive(p) and positive(form), "the inequality does not hold")
     level, inverse = arb(spent / (1 - decay)).sqrt(), ((p + p.transpose()) * arb(0.5)).inv()
 
     def most(form: Form) -> Any:
         return level * norm(inverse, states * rows(names, form).transpose()) + form.rounding(limits)
 
-    if not all(most(form) < LIMIT for form in [*loop.stored, loop.command]):
-        raise ValueError("a stored value saturates")
-    moment = most(loop.command) + (loop.extra - loop.command.rounding())
-    return {"roll_rad": most(loop.roll), "moment_nm": moment / 2**Q_MOMENT}
+    require(all(most(form) < LIMIT for form in loop.stored), "a stored value saturates")
+    return {"roll_rad": most(loop.roll), "moment_nm": most(loop.sent) / NEWTON_METRE}
 
 
 def theorem(c: Any, model: Any, claim: Any, _: Any) -> dict[str, Any]:
     """Check the level of a roll model behind a delay; ValueError where the inequality fails."""
     tau, r, omega, level = (number(claim[k]) for k in ("delay", "r", "omega", "gamma_squared"))
-    share = int(claim["trigger"]) * fmpq(c["trigger_epsilon_squared"], 1 << 20)
+    share = int(bool(claim["trigger"])) * fmpq(c["trigger_epsilon_squared"], 1 << 20)
     gain, p = fmpq(c["output_gain"][0] << 13, 1 << c["output_gain_shift"]), balls(claim["p"])
     names = [("x", i) for i in range(1 + len(model["flow"][0]))]
     roll, rate, q, e, *w = variables("x", len(names))
@@ -246,15 +254,14 @@ def theorem(c: Any, model: Any, claim: Any, _: Any) -> dict[str, Any]:
     form = rows(names, roll, rate).transpose() * p * rows(names, *moved)
     form += form.transpose() + squares(names, terms)
     fine = c["law"] == 1 and not any(c["output_gain"][1:]) and min(tau, r, omega, level) >= 0
-    if not (fine and positive(p) and positive(form * -1)):
-        raise ValueError("the inequality does not hold")
+    require(fine and positive(p) and positive(form * -1), "the inequality does not hold")
     return {}
 
 
 def digest(content: Any) -> str:
     """Return the SHA-256 of a certificate's contents without its own."""
-    body = {key: value for key, value in content.items() if key != "sha256"}
-    return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
+    body = json.dumps({**content, "sha256": ""}, sort_keys=True)
+    return hashlib.sha256(body.encode()).hexdigest()
 
 
 def check(content: Any, integers: Any = None) -> str:
@@ -268,9 +275,8 @@ def check(content: Any, integers: Any = None) -> str:
     for condition, claim in [(of, each) for of in conditions for each in of["claims"]]:
         try:
             answer = (theorem if "flow" in condition else proved)(c, condition, claim, tick)
-            if not all(bound <= number(claim[name]) for name, bound in answer.items()):
-                raise ValueError("a bound is not proved")
-        except (ArithmeticError, LookupError, StopIteration, TypeError, ValueError) as error:
+            require(all(v <= number(claim[k]) for k, v in answer.items()), "a bound is not proved")
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             return f"{condition['name']}, {claim['name']}: {error}"
     return ""
 

@@ -11,12 +11,13 @@ from flint import fmpq
 from gain_gen.certificate import checker
 from gain_gen.certificate.delay_curve import POINTS, Ellipsoid, ellipsoid, lacking
 from gain_gen.certificate.level import level_points
-from gain_gen.certificate.lyapunov import SLACK, LyapunovPoint, UncertainLoop, feasible, fits
+from gain_gen.certificate.lyapunov import SLACK, LyapunovPoint, feasible, fits
+from gain_gen.certificate.uncertain_loop import Trigger, UncertainLoop
 from gain_gen.models.roll import Matrix, zero_order_hold
 
 BITS = 45
 """Of the numbers that are found."""
-CELLS = 256
+CELLS = 128
 """Of the curve of a delay."""
 STILL = 1e-9
 """Multiplier of a delay that does not vary, relative to that of the command's rounding."""
@@ -142,6 +143,7 @@ def _written(point: LyapunovPoint, places: Sequence[Reach]) -> dict[str, Any]:
     still = STILL * float(point.inputs[0])
     return {
         "decay": rational(point.decay, BITS),
+        "switching": rational(point.switching, BITS),
         "weights": texts(point.inputs, BITS),
         "p": symmetric(point.p),
         "channels": [
@@ -187,13 +189,11 @@ def uncertain(
         if places[-1].varies:
             jumps.append(jump)
     after[n:] = [row(form) for form in sampled.shifted]
-    share = c["trigger_epsilon_squared"] / 2.0**20 if claim["trigger"] else 0.0
-    more, extra = _float(checker.MORE), _float(sampled.extra)
+    trigger = None
     if claim["trigger"]:
-        extra += checker.COARSE
-        floor = np.sqrt((1.0 + more) * c["trigger_floor"] ** 2 + (1.0 + 1.0 / more) * extra**2)
-    bounds = [float(floor) if claim["trigger"] else extra]
-    bounds += [_float(form.rounding()) for form in sampled.inner]
+        share = _float(checker.MORE) * c["trigger_epsilon_squared"] / 2.0**20
+        trigger = Trigger(sent, row(sampled.states[n]), share)
+    bounds = [np.sqrt(_float(square)) for square in sampled.squares]
     bounds += [float(Fraction(each["most"])) for each in claim["disturbances"]]
     limits = {
         ("d", each["input"]): fmpq(*map(int, each["most"].split("/")))
@@ -206,8 +206,8 @@ def uncertain(
         bounds=np.array(bounds),
         places=tuple(np.vstack([g, np.zeros((order - n, g.shape[1]))]) for g in varying),
         jumps=np.array(jumps).reshape(len(jumps), size),
-        sent=sent,
-        share=share * (1.0 + more),
+        withheld=np.zeros((0, size)),
+        trigger=trigger,
         stored=np.array([row(form)[:order] for form in sampled.stored]) / checker.LIMIT,
         spread=np.array([_float(form.rounding(limits)) for form in sampled.stored]) / checker.LIMIT,
         roll=np.concatenate([readings_roll, np.zeros(order - n)]),

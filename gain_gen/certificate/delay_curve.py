@@ -13,6 +13,8 @@ from gain_gen.models.roll import Matrix, zero_order_hold
 POINTS = 65
 RANK = 5
 """Generators of an ellipsoid: along the curve, its bow, its twist, and so on."""
+THIN = 1e-8
+"""Extent of the curve, relative to its greatest, that the remainder covers as well."""
 ITERATIONS = 200
 ENLARGED = 1.01
 
@@ -52,8 +54,8 @@ def ellipsoid(curve: Matrix) -> Ellipsoid:
     sizes = np.where(sizes > 0.0, sizes, 1.0)
     middle = curve.mean(axis=0)
     scaled = (curve - middle) / sizes
-    _, _, axes = np.linalg.svd(scaled, full_matrices=False)
-    axes = axes[:RANK]
+    _, reach, axes = np.linalg.svd(scaled, full_matrices=False)
+    axes = axes[:RANK][reach[:RANK] > THIN * reach[0]]
     centre, shape = _least_ellipsoid(scaled @ axes.T)
     return Ellipsoid(
         middle + sizes * (centre @ axes),

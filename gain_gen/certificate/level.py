@@ -9,81 +9,101 @@ hardly matter.
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
 
-from gain_gen.certificate.lyapunov import ROOM, LyapunovPoint, UncertainLoop, responses, solved
+from gain_gen.certificate.balance import KAPPA, Balance, balanced
+from gain_gen.certificate.lyapunov import LyapunovPoint, solved, uncentred
+from gain_gen.certificate.responses import Responses
+from gain_gen.certificate.uncertain_loop import UncertainLoop
 from gain_gen.models.roll import Matrix, stationary_covariance
 
-TRIED = ((0.02, 100.0), (1e-3, 1e3))
-"""1 − decay, relative to that of the loop with the middle delays, and the multiplier of a rounding,
-relative to the square of its gain to the roll angle."""
-RAISED = (1.003, 1.01, 1.03, 1.1, 1.3)
+PARTS = (0.02, 0.005, 1e-3)
+"""Tried 1 − decay, relative to that of the loop with the middle delays."""
+APART = 1e3
+"""Multiplier of a rounding, relative to the square of its gain to the roll angle."""
+RAISED = (1.003, 1.01, 1.03, 1.06, 1.1, 1.2, 1.4)
 """Factors on the least γ² of the grid that are tried."""
+CLEAR = 1.03
+"""Factor on the energy of what is uncertain, so that the least γ² lies within what is feasible."""
+ITERATIONS = 600
 
 
 def level_points(loop: UncertainLoop) -> Iterator[LyapunovPoint]:
     """Yield points for the least levels; the last input is the moment, its multiplier γ²."""
-    gap = 1.0 - loop.radius**2
-    if gap > 0.0:
-        for part, apart in TRIED:
-            yield from _points(loop, 1.0 - part * gap, apart)
+    if loop.radius >= 1.0:
+        return
+    search, free = _Search(loop), np.zeros(0)
+    if loop.trigger or loop.places:
+        start: Any = search.start(balanced(loop))
+        free = minimize(
+            search.squared, start, method="Nelder-Mead", options={"maxiter": ITERATIONS}
+        ).x
+    least, kappa = search.squared(free), search.kappa(free)
+    centred = loop.centred(kappa)
+    gap = 1.0 - centred.radius**2
+    delays, weights = search.multipliers(free)
+    for factor, part in product(RAISED, PARTS if gap > 0.0 else ()):
+        weights = np.r_[weights[:-1], factor * least]
+        sizes, decay = _sizes(centred), 1.0 - part * gap
+        point = solved(centred, decay, delays, weights, sizes, performance=1.0)
+        if point is not None:
+            point = replace(point, roll=float(np.sqrt(weights[-1])))
+            yield uncentred(point, loop.trigger, kappa) if loop.trigger else point
 
 
-def _points(loop: UncertainLoop, decay: float, apart: float) -> Iterator[LyapunovPoint]:
-    n, inputs = len(loop.a), loop.inputs.shape[1]
-    outputs = np.vstack([loop.jumps, loop.sent, np.r_[loop.roll, np.zeros(inputs)]])
-    driven = np.hstack([loop.inputs, *loop.places])
-    gains = responses(loop.a, driven, outputs[:, :n])
-    gains[:, :, :inputs] += outputs[:, n:]
-    of = np.array([j for j, g in enumerate(loop.places) for _ in g.T], dtype=int)
-    peak = np.abs(gains).max(axis=0)
-    moment, roll = inputs - 1, len(outputs) - 1
-    fixed = apart * inputs * np.maximum(peak[roll, :inputs], 1e-9 * peak[roll, :moment].max()) ** 2
-    # what an uncertainty adds through the roll angle, and what the moment makes of it
-    start = [
-        peak[roll, inputs + np.flatnonzero(of == j)].max() * peak[roll, moment] / peak[j, moment]
-        for j in range(len(loop.places))
-    ]
-    if loop.share:
-        reach = np.sqrt(loop.share) * peak[roll - 1, moment]
-        start.append(peak[roll, 0] * peak[roll, moment] / reach)
+class _Search:
+    """Least γ² over the logarithms of the multipliers of the delays, then of the trigger and c."""
 
-    def weights_of(logarithms: Matrix) -> tuple[Matrix, Matrix]:
-        free = np.exp(logarithms)
-        weights = fixed.copy()
-        if loop.share:
-            weights[0] = free[-1]
-        return free[: len(loop.places)], weights
+    def __init__(self, loop: UncertainLoop) -> None:
+        self._trigger, self._delays = loop.trigger, len(loop.places)
+        self._responses, self._inputs = Responses(loop), loop.inputs.shape[1]
+        peak = np.abs(self._responses.centred(KAPPA)).max(axis=0)[-1, : self._inputs]
+        self._weights = APART * len(peak) * np.maximum(peak, 1e-9 * peak[-1]) ** 2
+        self._weights[-1] = 1.0
 
-    def squared(logarithms: Matrix) -> float:
-        delays, weights = weights_of(logarithms)
-        left = np.sqrt(np.r_[ROOM * delays, weights[0] * loop.share, 1.0])
-        right = np.sqrt(np.r_[weights, delays[of]])
-        right[moment] = 1.0
+    def kappa(self, free: Matrix) -> float:
+        """Return κ of the trigger, zero without one."""
+        return self._trigger.kappa(float(np.exp(free[-1]))) if self._trigger else 0.0
+
+    def multipliers(self, free: Matrix) -> tuple[Matrix, Matrix]:
+        """Return multipliers of the delays and of the inputs; that of the moment, the last, one."""
+        weights = self._weights.copy()
+        if self._trigger:
+            weights[0] = np.exp(free[-2])
+        return np.exp(free[: self._delays]), weights
+
+    def start(self, balance: Balance) -> Matrix:
+        """Return the best multipliers of a few that are balanced."""
+        free = np.log(balance.scales)
+        if self._trigger:
+            free = np.r_[free[1:], free[0], np.log(self._trigger.curvature(balance.kappa))]
+        balanced = np.arange(len(free)) < len(balance.scales)
+        gain = float(np.abs(self._responses.centred(balance.kappa)[:, -1]).max())
+        units = gain**2 * np.geomspace(1e-20, 1e6, 53)
+        tried = [free + np.log(unit) * balanced for unit in units]
+        return min(tried, key=self.squared)
+
+    def squared(self, free: Matrix) -> float:
+        """Return the greatest γ² over frequency, or a large number where there is none."""
+        delays, weights = self.multipliers(free)
+        uncertain = np.r_[weights[:1] if self._trigger else [], delays]
+        rows, places = self._responses.rows, self._responses.columns[len(weights) :]
+        left = np.sqrt(np.r_[CLEAR * uncertain[rows], 1.0])
+        right = np.sqrt(np.r_[weights, uncertain[places]])
+        gains = self._responses.centred(self.kappa(free))
         scaled = left[:, None] * gains / right
+        moment = len(weights) - 1
         m, others = scaled[:, :, moment], np.delete(scaled, moment, axis=2)
-        inner = np.eye(len(outputs)) - others @ others.conj().transpose(0, 2, 1)
+        inner = np.eye(len(left)) - others @ others.conj().swapaxes(1, 2)
         lacking = 1e-6 - float(np.linalg.eigvalsh(inner).min())
         if lacking > 0.0:  # no level for these multipliers: towards those that have one
-            return 1e6 * float(peak[roll, moment] ** 2) * (1.0 + lacking)
-        return float(
-            np.einsum("fi,fi->f", m.conj(), np.linalg.solve(inner, m[..., None])[..., 0]).real.max()
-        )
-
-    free = np.log(np.array(start))
-    if len(free):
-        free = minimize(squared, free, method="Nelder-Mead", options={"maxiter": 300}).x
-    least = squared(free)
-    delays, weights = weights_of(free)
-    sizes = _sizes(loop)
-    for factor in RAISED:
-        weights = weights.copy()
-        weights[moment] = factor * least
-        point = solved(loop, decay, delays, weights, sizes, performance=1.0)
-        if point is not None:
-            yield replace(point, roll=float(np.sqrt(weights[moment])))
+            return 1e6 * float(np.abs(gains[:, -1, moment]).max() ** 2) * (1.0 + lacking)
+        solution = np.linalg.solve(inner, m[..., None])[..., 0]
+        return float(np.einsum("fi,fi->f", m.conj(), solution).real.max())
 
 
 def _sizes(loop: UncertainLoop) -> Matrix:

@@ -1,6 +1,6 @@
 """Lyapunov matrix and multipliers of a claim in floating point; only the checker judges them.
 
-With the places w of the delays, the withheld part e of a command and the roundings as inputs, and
+With the places w of the delays, the withheld part of a command and the roundings as inputs, and
 the jumps of the command as outputs, each scaled by its multiplier, the inequality of the checker is
 that of the bounded real lemma. Its dual Riccati equation
 
@@ -10,22 +10,26 @@ with A and C divided by the root of the decay has the least W = P⁻¹, so the l
 (Boyd et al. 1994, chapters 5 and 6). The decay and the energy granted to the jumps are searched.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
-from scipy.optimize import minimize
 
+from gain_gen.certificate.balance import balanced
+from gain_gen.certificate.uncertain_loop import Trigger, UncertainLoop
 from gain_gen.models.roll import Matrix, stationary_covariance
-from gain_gen.models.state_space import Complex
 
-SLACK = 3e-5
+SLACK = 1e-5
 """Relative room in x'Px for what leaves the ellipsoids of the delays."""
-ROOM = 1.05
+ROOM = 1.005
 """Factor on the energy of the jumps for the same."""
 CLEARANCE = 1e-5
 """Added to W's right-hand side, relative to the states' sizes: the inequality becomes strict."""
+DOUBLINGS = 40
+"""Of the ticks in which W is summed."""
+EXACT = 1e-14
+"""Change of W by the last of them, relative."""
 DECAYS = (0.8, 0.6, 0.4, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
 """Tried 1 − decay, relative to that of the loop with the middle delays."""
 SHARES = (0.1, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0)
@@ -34,46 +38,6 @@ OF_TRIGGER = 0.9
 """Part of the level granted to what the trigger withholds."""
 GRANTED = 1e-3
 """Least part of the level granted to a rounding."""
-
-FREQUENCIES = 80
-"""Of the grid on which the multipliers are balanced."""
-
-
-@dataclass(frozen=True, slots=True)
-class UncertainLoop:
-    """The sampled loop with its inputs; commands in N·m, Q14, roundings in the ECU's units.
-
-    x⁺ = A x + B i + Σ G_j w_j with |w_j| ≤ |v_j|, v = V [x, i], and the command s = S [x, i] is
-    sent. The first input e is withheld of the command; then come roundings and disturbances.
-
-    Attributes:
-        a: with every delay at the centre of its ellipsoid, (n, n).
-        inputs: B, (n, m).
-        bounds: of the inputs; e is besides at most a share of the command, (m,).
-        places: G_j for each delay that varies, (n, r).
-        jumps: V, (delays, n + m).
-        sent: S, (n + m,).
-        share: square of the trigger's relative threshold, or zero without a trigger.
-        stored: rows of the values that the code stores, relative to their limit, (k, n).
-        spread: largest part of them by roundings and disturbances themselves, (k,).
-        roll: row of the roll angle, (n,).
-    """
-
-    a: Matrix
-    inputs: Matrix
-    bounds: Matrix
-    places: tuple[Matrix, ...]
-    jumps: Matrix
-    sent: Matrix
-    share: float
-    stored: Matrix
-    spread: Matrix
-    roll: Matrix
-
-    @property
-    def radius(self) -> float:
-        """Spectral radius with every delay at its centre."""
-        return float(np.abs(np.linalg.eigvals(self.a)).max())
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +49,7 @@ class LyapunovPoint:
         decay: of x'Px in a tick.
         delays: multiplier of each delay that varies.
         inputs: those of the inputs.
+        switching: of the trigger, with its sign: sent or held.
         roll: largest roll angle in the ellipsoid, rad.
         w: P⁻¹.
     """
@@ -93,6 +58,7 @@ class LyapunovPoint:
     decay: float
     delays: Matrix
     inputs: Matrix
+    switching: float
     roll: float
     w: Matrix
 
@@ -106,45 +72,34 @@ def fits(loop: UncertainLoop, point: LyapunovPoint) -> bool:
 
 def feasible(loop: UncertainLoop) -> list[LyapunovPoint]:
     """Return the points that are feasible among the tried ones, the least roll angle first."""
-    gap = 1.0 - loop.radius**2
-    if gap <= 0.0:
-        return []
-    nominal = [_nominal(loop, 1.0 - part * gap) for part in DECAYS]
-    tried = [(each, share * gap) for each, share in product(nominal, SHARES)]
-    points = [_point(loop, each, energy) for each, energy in tried]
-    if not any(points) and len(loop.places) > (0 if loop.share else 1):
-        scales = _scales(loop)
-        points = [_point(loop, each, energy, scales) for each, energy in tried]
+    points = _withheld(loop, loop.trigger) if loop.trigger else _every_tick(loop)
     return sorted((point for point in points if point), key=lambda point: point.roll)
 
 
-def _scales(loop: UncertainLoop) -> Matrix:
-    """Return the multipliers of the delays with the least gain around all inputs, (delays,).
-
-    Relative to that of the trigger, or to the first where there is none: constant scales D of the
-    structured gain (Packard and Doyle 1993), on a grid of frequencies.
-    """
-    b = np.hstack([loop.inputs[:, :1], *loop.places])
-    c = np.vstack([np.sqrt(loop.share) * loop.sent, loop.jumps])
-    of = [0, *(j + 1 for j, g in enumerate(loop.places) for _ in g.T)]
-    response = responses(loop.a, b, c[:, : len(loop.a)])
-    response[:, :, 0] += c[:, len(loop.a)]
-    if not loop.share:
-        response, of = response[:, 1:, 1:], [j - 1 for j in of[1:]]
-
-    def gain(logarithms: Matrix) -> float:
-        d = np.exp(np.concatenate([[0.0], logarithms]))
-        return float(np.linalg.norm(d[:, None] * response / d[of], 2, axis=(1, 2)).max())
-
-    free = len(loop.places) - (0 if loop.share else 1)
-    least = minimize(gain, np.zeros(free), method="Nelder-Mead", options={"maxiter": 200})
-    return np.asarray(np.exp(2.0 * least.x) if loop.share else np.exp(2.0 * np.r_[0.0, least.x]))
+def _every_tick(loop: UncertainLoop) -> list[LyapunovPoint | None]:
+    """Return points with several energies of the jumps, shared evenly or else by their balance."""
+    tried = [(each, share) for each, share in product(_nominals(loop), SHARES)]
+    points = [_point(loop, each, share) for each, share in tried]
+    if tried and not any(points) and len(loop.places) > 1:
+        scales = balanced(loop).scales
+        points = [_point(loop, each, share, scales) for each, share in tried]
+    return points
 
 
-def responses(a: Matrix, b: Matrix, c: Matrix) -> Complex:
-    """Return C (z − A)⁻¹ B on a grid of frequencies, (frequencies, outputs, inputs)."""
-    z = np.exp(1j * np.geomspace(1e-3, np.pi, FREQUENCIES))[:, None, None]
-    return np.asarray(c @ np.linalg.solve(z * np.eye(len(a)) - a, b.astype(complex)))
+def _withheld(loop: UncertainLoop, trigger: Trigger) -> Iterator[LyapunovPoint | None]:
+    """Yield points with the multipliers of the delays relative to that of the trigger."""
+    balance = balanced(loop)
+    centred = loop.centred(balance.kappa)
+    for each in _nominals(centred):
+        delays = balance.scales[1:] * each.weights[0]
+        point = solved(centred, each.decay, delays, each.weights, each.sizes)
+        yield point and uncentred(point, trigger, balance.kappa)
+
+
+def uncentred(point: LyapunovPoint, trigger: Trigger, kappa: float) -> LyapunovPoint:
+    """Return a point of a loop that was centred with κ as one of the loop as it is."""
+    weight = point.inputs[0] / trigger.curvature(kappa)
+    return replace(point, inputs=np.r_[weight, point.inputs[1:]], switching=float(kappa * weight))
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,6 +115,12 @@ class _Nominal:
     sizes: Matrix
 
 
+def _nominals(loop: UncertainLoop) -> list[_Nominal]:
+    """Return one for each of the tried decays; none of an unstable loop."""
+    gap = 1.0 - loop.radius**2
+    return [_nominal(loop, 1.0 - part * gap) for part in DECAYS] if gap > 0.0 else []
+
+
 def _nominal(loop: UncertainLoop, decay: float) -> _Nominal:
     """Share the level out so that the sum of the inputs' ellipsoids has the least roll angle."""
     a = loop.a / np.sqrt(decay)
@@ -167,7 +128,7 @@ def _nominal(loop: UncertainLoop, decay: float) -> _Nominal:
     alone = [stationary_covariance(a, np.outer(column, column)) for column in driven.T]
     reach = np.sqrt([max(float(loop.roll @ w @ loop.roll), 0.0) for w in alone])
     granted = np.maximum(reach / reach.sum(), GRANTED)
-    if loop.share:
+    if len(loop.withheld):
         rest = granted[1:].sum()
         granted[0] = rest * OF_TRIGGER / (1.0 - OF_TRIGGER) if rest else 1.0
     granted /= granted.sum()
@@ -180,14 +141,15 @@ def _nominal(loop: UncertainLoop, decay: float) -> _Nominal:
 
 
 def _point(
-    loop: UncertainLoop, nominal: _Nominal, energy: float, scales: Matrix | None = None
+    loop: UncertainLoop, nominal: _Nominal, share: float, scales: Matrix | None = None
 ) -> LyapunovPoint | None:
-    n, weights = len(loop.a), nominal.weights
+    n = len(loop.a)
     jumps = np.einsum("ij,jk,ik->i", loop.jumps[:, :n], nominal.covariance, loop.jumps[:, :n])
+    energy = share * (1.0 - loop.radius**2)
     delays = energy / (jumps + (loop.jumps[:, n:] ** 2 @ loop.bounds**2))
     if scales is not None:
-        delays = scales * (weights[0] if loop.share else delays.mean() / scales.mean())
-    return solved(loop, nominal.decay, delays, weights, nominal.sizes)
+        delays = scales * (delays.mean() / scales.mean())
+    return solved(loop, nominal.decay, delays, nominal.weights, nominal.sizes)
 
 
 def solved(
@@ -221,7 +183,7 @@ def solved(
     c = np.vstack(
         [
             np.sqrt(ROOM * delays)[:, None] * loop.jumps,
-            np.sqrt(weights[0] * loop.share) * loop.sent,
+            np.sqrt(weights[0]) * loop.withheld,
             np.sqrt(performance) * roll,
         ]
     )
@@ -229,16 +191,33 @@ def solved(
     d[:, : len(weights)] = c[:, n:] / np.sqrt(weights)
     c = c[:, :n] * sizes / np.sqrt(decay)
     a = loop.a * np.sqrt((1.0 + 2.0 * SLACK) / decay) * sizes / sizes[:, None]
-    driven = b @ b.T + CLEARANCE * np.eye(n)
     try:
-        w = solve_discrete_are(a.T, c.T, driven, d @ d.T - np.eye(len(c)), s=b @ d.T)
-        p = np.linalg.inv(0.5 * (w + w.T))
+        w = _least(a, b, c, d)
+        p = None if w is None else np.linalg.inv(w)
     except np.linalg.LinAlgError:
         return None
-    if not np.linalg.eigvalsh(np.eye(len(c)) - d @ d.T - c @ w @ c.T)[0] > 0.0:
-        return None
-    if not np.linalg.eigvalsh(w)[0] > 0.0:
+    if w is None or p is None:
         return None
     p = 0.5 * (p + p.T) / np.outer(sizes, sizes)
     reach = float(np.sqrt((loop.roll * sizes) @ w @ (loop.roll * sizes)))
-    return LyapunovPoint(p, decay, delays, weights, reach, w * np.outer(sizes, sizes))
+    return LyapunovPoint(p, decay, delays, weights, 0.0, reach, w * np.outer(sizes, sizes))
+
+
+def _least(a: Matrix, b: Matrix, c: Matrix, d: Matrix) -> Matrix | None:
+    """Return the least W of the dual Riccati equation, by doubling (Chu et al. 2004), or None."""
+    identity, rest = np.eye(len(a)), np.eye(len(d)) - d @ d.T
+    if not np.linalg.eigvalsh(rest)[0] > 0.0:
+        return None
+    # what is common to B and D acts as feedback
+    fed = b @ np.linalg.solve(rest, d).T
+    step, g = (a + fed @ c).T, -c.T @ np.linalg.solve(rest, c)
+    w = b @ b.T + fed @ d @ b.T + CLEARANCE * identity
+    for _ in range(DOUBLINGS):
+        if not np.linalg.eigvalsh(rest - c @ w @ c.T)[0] > 0.0:
+            return None
+        onward = step @ np.linalg.inv(identity + g @ w)
+        more = step.T @ w @ np.linalg.solve(identity + g @ w, step)
+        w, g, step = w + 0.5 * (more + more.T), g + onward @ g @ step.T, onward @ step
+        if np.abs(more).max() <= EXACT * np.abs(w).max():
+            return w if np.linalg.eigvalsh(w)[0] > 0.0 else None
+    return None

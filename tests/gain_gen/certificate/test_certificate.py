@@ -102,12 +102,19 @@ def test_random_delays_decay_at_least_as_proved(proved):
         assert late <= 2.0 * early * rate**350 + 1e-15
 
 
-def driven(calibration, member, delay_of, *, ticks, roll=0.0, off=None, push=None):
+def withheld(record, new, sent):
+    """Whether the event trigger keeps back a command, N·m: as the paper has it, and its floor."""
+    floor = record.trigger_floor / 2**14
+    share = record.trigger_epsilon_squared / 2**20
+    return (new - sent) ** 2 <= share * sent**2 + floor**2
+
+
+def driven(calibration, member, delay_of, *, ticks, roll=0.0, off=None, push=None, trigger=False):
     """Return roll angles and moments of the firmware's own stages on the car, tick by tick.
 
     Integrated by matrix exponentials from one command's effect to the next. ``delay_of`` gives the
     delay of a tick's command, ``off`` the error of the readings, ``push`` what else acts on the
-    states.
+    states; with ``trigger`` commands are withheld.
     """
     car, tick = member.plant, 1e-6 * calibration.record.tick_us
     n = len(car.a)
@@ -115,7 +122,7 @@ def driven(calibration, member, delay_of, *, ticks, roll=0.0, off=None, push=Non
     block[:n, :n], block[:n, n] = car.a, car.command[:, 0]
     advance = integer_loop(calibration.record)
     x = roll * member.roll / float(member.roll @ member.roll)
-    acting, under_way, last = 0.0, [], -math.inf
+    acting, under_way, last, sent = 0.0, [], -math.inf, 0.0
     angles, moments = [], []
     for k in range(ticks):
         if push is not None:
@@ -126,8 +133,10 @@ def driven(calibration, member, delay_of, *, ticks, roll=0.0, off=None, push=Non
         u = advance(y)
         moments.append(u)
         angles.append(float(member.roll @ x))
-        last = max(last, k * tick + delay_of(k))
-        under_way.append((last, round(4.0 * u) / 4.0))
+        if not (trigger and withheld(calibration.record, u, sent)):
+            sent = round(4.0 * u) / 4.0
+            last = max(last, k * tick + delay_of(k))
+            under_way.append((last, sent))
         now, end = k * tick, (k + 1) * tick
         while under_way and under_way[0][0] < end:
             at, command = under_way.pop(0)
@@ -156,6 +165,28 @@ def test_the_integer_code_stays_within_the_proved_bounds(proved):
     assert 0.02 * roll < angles.max() <= roll
     assert 0.02 * moment < moments.max() <= moment
     assert math.degrees(roll) < 0.05
+
+
+def test_withheld_commands_stay_within_the_proved_bounds(certified, calibrated):
+    calibration = calibrated("hinf_delay")
+    task, member, _ = parts(calibration)
+    claims = certified.content["conditions"][0]["claims"]
+    claim = next(claim for claim in claims if claim["name"] == TRIGGER)
+    roll, moment = float(Fraction(claim["roll_rad"])), float(Fraction(claim["moment_nm"]))
+    draw, ends = np.random.default_rng(5), []
+    for start in (2.0, 3.0, 4.0, 5.0, 6.0, 7.0):
+        angles, moments = driven(
+            calibration,
+            member,
+            lambda _: draw.uniform(*bounds(task, member)),
+            ticks=300,
+            roll=start * roll,
+            trigger=True,
+        )
+        assert angles[0] > roll
+        ends.append(angles[200:].max())
+        assert moments[200:].max() <= moment
+    assert 0.02 * roll < max(ends) <= roll
 
 
 @pytest.mark.slow
