@@ -17,7 +17,7 @@ RATIO = 16.5
 
 
 CARS = 3, 7, 9
-"""Seeds of a gentle drive, a usual one, and a car 2.6 times as stiff in roll as where fits start."""
+"""Seeds of a gentle drive, a usual one, and a car 2.6 times as stiff in roll as the start."""
 
 
 @cache
