@@ -1,6 +1,7 @@
 """Files of users: text bounded in size and depth, or read in a separate process."""
 
 import json
+import re
 import subprocess
 import sys
 import tomllib
@@ -129,3 +130,16 @@ def read_apart(program: str, path: Path) -> bytes:
         errors = done.stderr.decode("utf-8", "replace").strip().splitlines()
         raise ValueError(errors[-1] if errors and done.returncode > 0 else "the reader crashed")
     return done.stdout
+
+
+def with_short_lists(toml: str) -> str:
+    """Return the text of a TOML file as written by tomli_w with lists of numbers on one line."""
+    return _NUMBERS.sub(_one_line, toml)
+
+
+_NUMBERS = re.compile(r"\[\n((?:\s*[-+.\w]+,\n)+)\s*\]")
+
+
+def _one_line(match: re.Match[str]) -> str:
+    """Put a list of plain numbers on one line."""
+    return f"[{', '.join(match[1].replace(',', ' ').split())}]"

@@ -45,6 +45,9 @@ STATE_MIN = -(1 << 30)
 STATE_MAX = (1 << 30) - 1
 ONE = 1 << 30
 COEFFICIENT = 1 << 29
+# shares of what a model may be wrong by
+Q_SHARE = 10
+SHARE_MAX = 16 << Q_SHARE
 LARGE = (1 << 31) - 1
 
 
@@ -286,6 +289,9 @@ class Calibration:
     redundancy_min: Annotated[
         i32, F(0, STATE_MAX // 2, Q_ACCELERATION, "m/s2", "least gap of a_y that counts, 0: off")
     ]
+    redundancy_share: Annotated[
+        i32, F(0, SHARE_MAX, Q_SHARE, "", "of the lateral acceleration that is expected besides")
+    ]
     redundancy_limit: Annotated[
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "end of the tyres' linear range")
     ]
@@ -328,6 +334,7 @@ class Calibration:
     delivery_min: Annotated[
         i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least width of the band's edges, 0: off")
     ]
+    delivery_share: Annotated[i32, F(0, SHARE_MAX, Q_SHARE, "", "of the band's size besides")]
 
     # rolling monitor: the roll rate by the suspensions
     rolling_min: Annotated[
@@ -335,34 +342,67 @@ class Calibration:
     ]
     rolling_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "so far without a break that count")]
     rolling_track: Annotated[list[i32], 2, F(0, 4 << 28, 28, "1/m", "roll over difference")]
+    rolling_share: Annotated[i32, F(0, SHARE_MAX, Q_SHARE, "", "of the larger rate besides")]
     rolling_tyres: Annotated[
-        i32, F(0, ONE, Q_UNIT, "1/(N·m·s)", "roll on the tyres over change of moment, times 4")
+        i32, F(0, ONE, Q_UNIT, "1/(N·m·s)", "roll rate on the tyres over change of moment")
     ]
 
     # response monitor: I_x phi'' = delivered moments + m h a_y - springs and dampers
     response_min: Annotated[
         i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "may always be left over, 0: off")
     ]
+    response_share: Annotated[
+        list[i32],
+        5,
+        F(0, SHARE_MAX, Q_SHARE, "", "of side force, springs, dampers, moments, inertia besides"),
+    ]
+    response_late: Annotated[
+        list[i32],
+        2,
+        F(0, COEFFICIENT, 10, "", "of the mean change of damping moment besides, quick and slow"),
+    ]
     response_limit: Annotated[
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "wheels lift and stops are reached above")
     ]
-    response_ticks: Annotated[
-        i32, F(1, 1000, 0, "ticks", "without a break, of the body five eighths")
+    limit_share: Annotated[
+        list[i32], 2, F(0, SHARE_MAX, Q_SHARE, "", "of inertia and moments besides above it")
     ]
+    response_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "without a break that count")]
     response_stroke: Annotated[
         list[i32], 2, F(0, COEFFICIENT, 10, "N·s/m", "damping moment over difference of strokes")
+    ]
+    response_rough: Annotated[
+        list[i32], 2, F(0, COEFFICIENT, 10, "N·s/m", "of it by which rebound differs from bump")
     ]
     response_stretch: Annotated[
         i32, F(0, ONE, Q_UNIT, "", "change of the springs' moment a tick over damping moment")
     ]
     response_lateral: Annotated[i32, F(0, COEFFICIENT, 10, "kg·m", "m h")]
     response_inertia: Annotated[
-        i32, F(0, COEFFICIENT, 10, "N·m·s", "I_x over the time constant of the low-pass")
+        i32, F(0, COEFFICIENT, 10, "N·m·s", "effective roll inertia over the low-pass's time")
     ]
     response_pass: Annotated[i32, F(0, ONE, Q_UNIT, "", "low-pass: its weight per tick")]
-    response_wash: Annotated[i32, F(0, ONE // 2, Q_UNIT, "", "washout: share that goes per tick")]
+    response_wash: Annotated[
+        list[i32],
+        3,
+        F(0, ONE // 2, Q_UNIT, "", "washout, quick, slow, of the axles: what goes per tick"),
+    ]
+    steady_min: Annotated[
+        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "slow balances: may always be left over")
+    ]
+    steady_share: Annotated[
+        list[i32],
+        3,
+        F(0, SHARE_MAX, Q_SHARE, "", "of side force to its own side, to the other; of moments"),
+    ]
+    lateral_share: Annotated[
+        list[i32],
+        2,
+        F(0, SHARE_MAX, Q_SHARE, "", "of what the body shows, to its own side, to the other"),
+    ]
 
     # axles monitor, with the response monitor: the tyres of both axles carry what acts on them
+    axles_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "without a break that count")]
     axles_min: Annotated[
         i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least moment left over that counts")
     ]
@@ -376,6 +416,9 @@ class Calibration:
         list[i32], 2, F(0, COEFFICIENT, 10, "N·s/m", "moment of springs and tyres a tick")
     ]
     axles_damping: Annotated[i32, F(0, COEFFICIENT, 10, "", "damping moment over that")]
+    axles_side: Annotated[
+        i32, F(0, COEFFICIENT, 10, "kg·m", "moment by a_y that may be wrong: roll centres, mass")
+    ]
     axles_rough: Annotated[
         i32, F(0, COEFFICIENT, 10, "", "moment that a rough road may make over that")
     ]
@@ -397,6 +440,9 @@ class Calibration:
     # heave monitor, with the response monitor: the springs carry the body's weight
     heave_min: Annotated[
         i32, F(0, STATE_MAX // 2, Q_MOMENT, "N", "least force more or less that counts, 0: off")
+    ]
+    heave_late: Annotated[
+        i32, F(0, COEFFICIENT, 10, "", "of the mean change of the springs' force besides")
     ]
     heave_ticks: Annotated[i32, F(1, 10000, 0, "ticks", "more or less without a break that count")]
     heave_stretch: Annotated[

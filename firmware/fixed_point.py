@@ -2,13 +2,18 @@
 
 from typing import Annotated
 
-from firmware.calibration import N_STATES
+from firmware.calibration import N_STATES, Q_SHARE
 from firmware.subset import i32, i64, sat31, scaled, tdiv
 
 
 def product(a: i32, b: i32, n: i32) -> i32:
     """Return ``a`` ``b`` / 2**n, rounded to nearest and limited to 31 bits."""
     return scaled(a * b, n)
+
+
+def with_share(least: i32, value: i32, share: i32) -> i32:
+    """Return ``least`` and a ``share`` of ``value``, rounded to nearest, limited to 31 bits."""
+    return scaled(least * (1 << Q_SHARE) + value * share, Q_SHARE)
 
 
 def shifted(v: i64, n: i32) -> i32:

@@ -203,19 +203,19 @@ class Ecu:
 
     # balances of the response monitor, of the lateral acceleration, of the axles monitor, of parts
     balance_spring: Annotated[
-        list[i32], 10, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "springs, washed out, less offsets")
+        list[i32], 9, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "springs, washed out, less offsets")
     ]
     balance_slow: Annotated[
-        list[i32], 10, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "what is left over, less momentum")
+        list[i32], 9, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "what is left over, less momentum")
     ]
     balance_past: Annotated[
-        list[i32], 10, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "what is left over, but for jumps")
+        list[i32], 9, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "of an input, what it was before")
     ]
     balance_room: Annotated[
-        list[i32], 10, F(0, STATE_MAX, Q_MOMENT, "N·m", "what the model may be wrong by, fading")
+        list[i32], 9, F(0, STATE_MAX, Q_MOMENT, "N·m", "what the model may be wrong by, fading")
     ]
     balance_ticks: Annotated[
-        list[i32], 6, F(-10000, 10000, 0, "ticks", "too much is left over since, to which side")
+        list[i32], 5, F(-10000, 10000, 0, "ticks", "too much is left over since, to which side")
     ]
     model_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "a lateral force leaves over little since")]
 

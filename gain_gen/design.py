@@ -10,6 +10,7 @@ import vehicles
 from canroll.arguments import checked
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from gain_gen.analysis.family import Family, FamilyRow, family_of
+from gain_gen.analysis.fitted_family import with_draws
 from gain_gen.analysis.speed_schedule import UNLIMITED, Speeds, scheduled, speeds_of
 from gain_gen.analysis.verify import holds, verify
 from gain_gen.laws import LAWS, OBSERVERS, WITHOUT_ROLL_RATE
@@ -71,7 +72,7 @@ def design(
     if not 0.0 <= task.delay.least <= task.delay.nominal <= task.delay.most:
         raise CanrollError("the delay must be at least 0 and its bounds in ascending order")
     task = replace(task, noise=sensor_noise(task.vehicle))
-    family = family_of(task)
+    family = with_draws(family_of(task), task)
     first = solve(task)
     if task.observer in WITHOUT_ROLL_RATE:
         if first.controller.reads_roll_rate:

@@ -9,6 +9,7 @@ import numpy as np
 from canroll.arguments import checked
 from canroll.table import Table
 from gain_gen.analysis.family import Family, FamilyMargins, family_of
+from gain_gen.analysis.fitted_family import margins_of_draws, with_draws
 from gain_gen.analysis.margins import Margins, margins
 from gain_gen.analysis.sampled_loop import SampledLoop, loop_gain, response_peak
 from gain_gen.analysis.verify import DELAY_LIMIT, family_checks, passive_controller
@@ -85,6 +86,11 @@ class MarginReport:
     loop: dict[float, Complex]
 
     @property
+    def fit(self) -> dict[str, float]:
+        """Worst margins of the draws of the vehicle's fit, and of the vehicle; empty without."""
+        return margins_of_draws(self.family)
+
+    @property
     def table(self) -> Table:
         """One row for each vehicle, curve and delay; None stands for infinity."""
         return Table(
@@ -128,7 +134,7 @@ def margin_report(calibration: LoadedCalibration | str | Path) -> MarginReport:
     if not isinstance(calibration, LoadedCalibration):
         calibration = load(Path(calibration))
     task = task_of(calibration)
-    family = family_of(task)
+    family = with_draws(family_of(task), task)
     controller = dequantise(calibration.record)
     member, delay = family.members[0], task.delay.nominal
     free = response_peak(member.loop(passive_controller(controller), delay), member.roll)
@@ -191,6 +197,7 @@ def to_json(report: MarginReport) -> dict[str, object]:
         "delay_max_s": report.delay.most,
         "max_delay_s": _plain(report.max_delay),
         "note": report.note,
+        **({"fit": {k: _plain(v) for k, v in report.fit.items()}} if report.fit else {}),
         "checks": {
             name: check._asdict() | {"value": _plain(check.value)}
             for name, check in report.checks.items()

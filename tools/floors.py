@@ -24,7 +24,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("canroll.registry",),
     ("plant_sim.kernels", "dbc", "firmware", "vehicles.suspensions", "vehicles.tyres"),
     ("vehicles", "codegen.operations"),
-    ("vehicles.sizing",),
+    ("vehicles.draws", "vehicles.sizing"),
     ("plant_sim.can_bus.wire", "plant_sim.buses", "codegen.subset"),
     ("plant_sim.can_bus.kernel", "codegen.proof", "codegen.kernels"),
     ("plant_sim.can_bus.logs", "codegen.c99"),

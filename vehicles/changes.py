@@ -5,7 +5,7 @@ from copy import deepcopy
 from typing import Any
 
 from canroll.errors import UnknownNameError
-from vehicles import axle_files
+from vehicles import axle_files, fit_spread
 from vehicles.load import from_table
 from vehicles.model import WORDS, Vehicle
 from vehicles.plausible import KEYS
@@ -19,7 +19,12 @@ def changed(vehicle: Vehicle, changes: Mapping[str, Any], *, name: str = "") -> 
     The plausibility of keys other than the changed ones is not checked again.
     """
     table = deepcopy(vehicle.document)
-    known = list(_keys({key: part for key, part in table.items() if key not in WORDS}, ""))
+    known = list(
+        _keys(
+            {key: part for key, part in table.items() if key not in (*WORDS, fit_spread.SECTION)},
+            "",
+        )
+    )
     for key, value in changes.items():
         axle_files.check_change(vehicle, key)
         if key not in known:
@@ -34,6 +39,10 @@ def changed(vehicle: Vehicle, changes: Mapping[str, Any], *, name: str = "") -> 
         ):
             _put(table, f"design.{part}", value)
             table["sources"][f"design.{part}"] = GIVEN
+    if vehicle.fit is not None:
+        spread = fit_spread.without(table.pop(fit_spread.SECTION), changes)
+        if spread is not None:
+            table[fit_spread.SECTION] = spread
     words = ", ".join(f"{key}={_text(value)}" for key, value in changes.items())
     name = name or (f"{vehicle.name} with {words}" if words else vehicle.name)
     untouched = set(KEYS) - set(changes)

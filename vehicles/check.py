@@ -16,6 +16,7 @@ SIGNED = (
     "magic_formula",
     "centre_of_pressure_ahead",
     "axles.",
+    "fit.correlation",
 )
 """Keys whose numbers may be negative; every other number of a vehicle must not be."""
 
@@ -31,6 +32,7 @@ MAY_BE_ZERO = (
     "soft_force",
     "firm_force",
     "dampers.rate",
+    "fit.correlation",
 )
 
 SLOPES = ("friction_load_slope", "cornering_load_slope")

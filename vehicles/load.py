@@ -10,7 +10,7 @@ from canroll.arguments import checked
 from canroll.documents import parse_toml, refuse_other
 from canroll.documents import text as read_text
 from canroll.errors import CanrollError, UnknownNameError, reason
-from vehicles import axle_files, tyre_files
+from vehicles import axle_files, fit_spread, tyre_files
 from vehicles.axle_files import followed
 from vehicles.check import problems, signs
 from vehicles.model import SCHEMA, Aerodynamics, Empty, Vehicle
@@ -192,7 +192,7 @@ def from_table(
     _keys(
         table,
         required={"schema", "title", "basis", "maneuvers", "sources", *_SECTIONS},
-        optional={*_OPTIONAL, tyre_files.SECTION, tables.SECTION},
+        optional={*_OPTIONAL, tyre_files.SECTION, tables.SECTION, fit_spread.SECTION},
         where=where,
         section="",
     )
@@ -215,6 +215,8 @@ def from_table(
     for key, kind in _OPTIONAL.items():
         if key in table:
             parts[key] = _record(kind, table[key], where, key)
+    if fit_spread.SECTION in table:
+        parts[fit_spread.SECTION] = fit_spread.of_section(table[fit_spread.SECTION], where)
     maneuvers = _table(table["maneuvers"], where, "maneuvers")
     _keys(maneuvers, required={"lane_offset", "speed_kmh"}, where=where, section="maneuvers")
     speeds = _table(maneuvers["speed_kmh"], where, "maneuvers.speed_kmh")
@@ -241,6 +243,14 @@ def from_table(
             raise CanrollError(f"{where}: {problem}")
     for problem in problems(vehicle):
         raise CanrollError(f"{where}: {problem}")
+    for key in () if vehicle.fit is None else vehicle.fit.names:
+        try:
+            fit_spread.value_of(vehicle, key)
+            axle_files.check_change(vehicle, key)
+        except CanrollError as error:
+            raise CanrollError(f"{where}: fit.names: {error}") from error
+        except (AttributeError, IndexError, TypeError, ValueError) as error:
+            raise CanrollError(f"{where}: fit.names: the vehicle has no number '{key}'") from error
     for section in (*_SECTIONS, *_OPTIONAL, tyre_files.SECTION, tables.SECTION, "maneuvers"):
         for key in given.get(section, ()):
             if not vehicle.source(f"{section}.{key}"):

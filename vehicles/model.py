@@ -19,6 +19,7 @@ from vehicles.equipment import (
     SensorChannel,
     Sensors,
 )
+from vehicles.fit_spread import FitSpread
 from vehicles.suspensions.tables import SECTION, VehicleTables
 
 __all__ = [
@@ -233,7 +234,8 @@ class Vehicle:
     ``section.key`` to where its numbers come from. ``file`` is the path of a user's file.
     ``empty`` is the body without load, if the file has it; see :mod:`vehicles.unladen`.
     ``magic_formula`` has the tyres' coefficients, if they are those of .tir files; ``axles`` the
-    tables of the axles; ``aerodynamics`` if the file has them, see :attr:`side_wind`.
+    tables of the axles; ``aerodynamics`` if the file has them, see :attr:`side_wind`; ``fit`` how
+    sure the fitted numbers are.
     """
 
     name: str
@@ -257,6 +259,7 @@ class Vehicle:
     magic_formula: TyreFiles | None = None
     aerodynamics: Aerodynamics | None = None
     axles: VehicleTables | None = None
+    fit: FitSpread | None = None
 
     @property
     def reference(self) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from canroll.errors import CanrollError
-from vehicles import axle_files, tyre_files
+from vehicles import axle_files, fit_spread, tyre_files
 from vehicles.model import WORDS, Vehicle
 from vehicles.suspensions.tables import SECTION
 
@@ -85,6 +85,11 @@ def completed(
             by_axle |= key == tyre_files.SECTION and tyre_files.is_complete(value)
             for path in (f"{key}.{axle}" for axle in value) if by_axle else _leaves(value, key):
                 result["sources"][path] = _longest(sources, path) or GIVEN
+    if fit_spread.SECTION in result and fit_spread.SECTION not in own:
+        given = [path for key in own if key not in WORDS for path in _leaves(own[key], key)]
+        spread = fit_spread.without(result.pop(fit_spread.SECTION), given)
+        if spread is not None:
+            result[fit_spread.SECTION] = spread
     return axle_files.without_following(result, own, where)
 
 

@@ -20,6 +20,13 @@ static inline int32_t size_of(int32_t v)
     return (v < 0) ? -v : v;
 }
 
+/* At least so much and a share, of 2^10, rounded to nearest and limited to 31 bits. */
+static inline int32_t with_share(int32_t least, int32_t v, int32_t share)
+{
+    const int64_t wide = (int64_t)least + (((int64_t)v * share + 512) >> 10);
+    return (wide > STATE_MAX) ? STATE_MAX : (int32_t)wide;
+}
+
 /* Count a bad sample, up to as many in a row as make a finding; whether they do. */
 static inline bool in_a_row(int32_t *count, bool bad, int32_t samples)
 {
@@ -47,7 +54,7 @@ static void compare_lateral(canroll_ecu *ecu, const canroll_calibration *cal)
     }
     if (peak < cal->redundancy_limit) {
         /* in the tyres' linear range, where no sum comes near 32 bits */
-        const int32_t far = cal->redundancy_min + ((now + 1) >> 1);
+        const int32_t far = with_share(cal->redundancy_min, now, cal->redundancy_share);
         apart |= told > larger(turning, steered) + far || told < smaller(turning, steered) - far;
     }
     opposite = (told > least && turning < -least) || (told < -least && turning > least);
@@ -145,7 +152,7 @@ static void compare_moment(canroll_ecu *ecu, const canroll_calibration *cal, uin
     ecu->band_low[axle] = low;
     high = larger(high, ecu->band_high[axle + AXLES]);
     low = smaller(low, ecu->band_low[axle + AXLES]);
-    edge = cal->delivery_min + ((larger(high, -low) + 2) >> 2);
+    edge = with_share(cal->delivery_min, larger(high, -low), cal->delivery_share);
     if (in_a_row(&ecu->astray[axle], follows && (moment > high + edge || moment < low - edge),
             cal->delivery_samples)) {
         ecu->contradicted[axle] = 1;

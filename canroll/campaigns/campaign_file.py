@@ -1,6 +1,6 @@
 """A campaign as a TOML file: the run, what is drawn, and how often."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -53,6 +53,7 @@ class CampaignRequest:
         correlations: of the quantities.
         runs: number of draws.
         sampling: how they are drawn.
+        usual: names in ``draw`` of the vehicle's usual spread, which a fit replaces.
         source: the file, or how the command line is referred to.
     """
 
@@ -63,6 +64,7 @@ class CampaignRequest:
     correlations: tuple[Correlation, ...] = ()
     runs: int
     sampling: Sampling
+    usual: Collection[str] = ()
     source: str = "campaign"
 
     def plan(self) -> CampaignPlan:
@@ -74,15 +76,22 @@ class CampaignRequest:
         """
         if self.choices.get("law") == PASSIVE:
             raise CanrollError("--law passive has no control to evaluate: choose another law")
-        names = tuple(sorted(self.draw))
-        space = Space(names, tuple(self.draw[name] for name in names), self.correlations)
-        check_correlations(space, f"{self.source} [[correlation]]")
-        if "speed" in names and "speed_kmh" in names:
+        if "speed" in self.draw and "speed_kmh" in self.draw:
             raise CanrollError(f"{self.places['speed']}: draw speed or speed_kmh, not both")
         settings, controller = plan_run(self.scenario, **self.choices)
         own_body(settings.plant, "a campaign, which varies its vehicle,")
-        for name in names:
-            quantities.check(settings, name, self.draw[name], self.places[name])
+        fitted, pairs = quantities.of_fit(settings.vehicle)
+        given = {n: d for n, d in self.draw.items() if not (fitted and n in self.usual)}
+        drawn = given | fitted
+        names = tuple(sorted(drawn))
+        space = Space(names, tuple(drawn[n] for n in names), (*self.correlations, *pairs))
+        check_correlations(space, f"{self.source} [[correlation]]")
+        for name, distribution in sorted(given.items()):
+            quantities.check(settings, name, distribution, self.places[name])
+            if quantities.is_of_fit(settings.vehicle, name):
+                raise CanrollError(
+                    f"{self.places[name]}: {name} is drawn from [fit] of the vehicle: omit it"
+                )
         return CampaignPlan(settings, controller, space, self.sampling, self.runs)
 
 
@@ -95,6 +104,7 @@ def of_options(
     spread: Mapping[str, float],
     buses: Sequence[str],
     faults: Sequence[str],
+    stated: Collection[str] = (),
 ) -> CampaignRequest:
     """Return the campaign given by options of the command line.
 
@@ -106,6 +116,8 @@ def of_options(
         spread: half-widths, see :mod:`canroll.studies.variation`.
         buses: profiles to draw from evenly; one or none: the run's own.
         faults: faults, of which one or none is drawn.
+        stated: names in ``spread`` that are meant for a fitted vehicle too, whose numbers are drawn
+            from its fit instead of their usual spread.
 
     Raises:
         CanrollError: an invalid number.
@@ -126,6 +138,7 @@ def of_options(
         scenario=scenario,
         choices=choices,
         draw=draw,
+        usual={_quantity(name) for name in spread if name not in (*CONDITIONS, "speed", *stated)},
         places=dict.fromkeys(draw, "--spread") | {"bus": "--bus", FAULTS: "--fault"},
         runs=_whole(runs, "--runs", 1, RUNS_MOST),
         sampling=Sampling(RANDOM, seed, _chunk(runs)),

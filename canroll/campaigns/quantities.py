@@ -2,9 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
+from math import asin, pi
 from typing import Any
 
-from canroll.campaigns.distributions import Distribution, is_number
+from canroll.campaigns.distributions import Continuous, Distribution, is_number
+from canroll.campaigns.space import Correlation
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.runs import conditions
 from canroll.runs.result import Settings
@@ -14,12 +16,17 @@ from plant_sim.driving import MANEUVERS, maneuvers
 from plant_sim.faults import parse_all
 from vehicles import Vehicle, axle_files, tyre_files
 from vehicles.check import problems
+from vehicles.draws.fitted_cars import is_positive
+from vehicles.draws.numbers import with_numbers
+from vehicles.fit_spread import value_of
 from vehicles.roll_stiffness import springs_within
 
 WORDS = ("bus", "scenario")
 NUMBERS = ("speed_kmh", "speed", "phase_ms")
 FAULTS = "faults"
 GROUPS = ("vehicle", "option", "condition")
+OF_FIT = "fit."
+"""Start of the names of fitted numbers, which are drawn from the vehicle's [fit] together."""
 GIVEN = (
     *NUMBERS,
     *WORDS,
@@ -104,6 +111,11 @@ def drawn(nominal: Settings, values: Mapping[str, Any], *, seed: int) -> Setting
     changes: dict[str, Any] = {"seed": seed}
     options, actual = dict(nominal.options), dict(nominal.conditions)
     vehicle = nominal.vehicle
+    fitted = {n.removeprefix(OF_FIT): values[n] for n in values if n.startswith(OF_FIT)}
+    if fitted:
+        # the controller stays that of the fitted vehicle
+        known = replace(vehicle, fit=None)
+        vehicle = replace(with_numbers(known, fitted), design=vehicle.design)
     for name, value in values.items():
         group, _, member = name.partition(".")
         if name in (*WORDS, FAULTS):
@@ -118,7 +130,7 @@ def drawn(nominal: Settings, values: Mapping[str, Any], *, seed: int) -> Setting
             options[member] = value
         elif group == "condition":
             actual[member] = value
-        else:
+        elif group == "vehicle":
             vehicle = _scaled(vehicle, member, float(value))
     if vehicle is not nominal.vehicle and is_vehicle(vehicle):
         vehicle = springs_within(vehicle)
@@ -133,7 +145,46 @@ def drawn(nominal: Settings, values: Mapping[str, Any], *, seed: int) -> Setting
 
 def is_vehicle(vehicle: Vehicle) -> bool:
     """Whether a vehicle with these numbers can exist."""
-    return not any(problems(vehicle))
+    if any(problems(vehicle)):
+        return False
+    try:
+        springs_within(vehicle)
+    except CanrollError:
+        return False
+    return True
+
+
+def of_fit(vehicle: Vehicle) -> tuple[dict[str, Distribution], tuple[Correlation, ...]]:
+    """Return the fitted numbers of a vehicle with their distributions, and the correlations.
+
+    They are those of :func:`vehicles.draws.fitted_cars.values_at`; empty without a fit.
+    """
+    if vehicle.fit is None:
+        return {}, ()
+    drawn: dict[str, Distribution] = {}
+    for name, deviation in zip(vehicle.fit.names, vehicle.fit.deviations, strict=True):
+        value = value_of(vehicle, name)
+        if is_positive(name):
+            drawn[OF_FIT + name] = Continuous("lognormal", value, deviation / value)
+        else:
+            drawn[OF_FIT + name] = Continuous("normal", value, deviation)
+    names = tuple(drawn)
+    pairs = tuple(
+        # from Pearson's coefficient of two normal variables to Spearman's
+        Correlation(names[i], names[j], 6.0 * asin(row[j] / 2.0) / pi)
+        for i, row in enumerate(vehicle.fit.correlation)
+        for j in range(i)
+    )
+    return drawn, pairs
+
+
+def is_of_fit(vehicle: Vehicle, name: str) -> bool:
+    """Whether a quantity is a factor on a number that is drawn from the vehicle's fit."""
+    group, _, member = name.partition(".")
+    if vehicle.fit is None or group != "vehicle":
+        return False
+    twice = _scaled(vehicle, member, 2.0)
+    return any(value_of(twice, key) != value_of(vehicle, key) for key in vehicle.fit.names)
 
 
 def _scaled(vehicle: Vehicle, name: str, factor: float) -> Vehicle:

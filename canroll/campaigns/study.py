@@ -226,6 +226,7 @@ def campaign(
             runs=100 if runs is None else runs,
             seed=CHOICES["seed"].default if seed is None else seed,
             spread=spread_from(spread or {}),
+            stated=tuple(spread or {}),
             buses=profiles,
             faults=faults,
         )

@@ -95,6 +95,7 @@ def _request(args: argparse.Namespace) -> campaign_file.CampaignRequest:
         runs=DEFAULT_DRAWS if args.runs is None else args.runs,
         seed=CHOICES["seed"].default if seed is None else seed,
         spread=variation.spread_from(dict(args.spread)),
+        stated=tuple(dict(args.spread)),
         buses=buses,
         faults=faults,
     )

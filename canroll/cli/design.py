@@ -4,6 +4,7 @@ import argparse
 import json
 from dataclasses import replace
 from math import isfinite
+from typing import Any
 
 from canroll.cli import design_view, terminal
 from canroll.cli.cases import driven
@@ -11,7 +12,6 @@ from canroll.cli.design_parsers import DEFAULT_DELAY_MS
 from canroll.cli.options import (
     DEFAULT_OUT,
     DEFAULT_SCENARIO,
-    by_key,
     choices_of,
 )
 from canroll.errors import CanrollError, writing
@@ -29,7 +29,6 @@ from gain_gen.design import design
 from gain_gen.laws import LAWS
 from gain_gen.models.task import Check, Delay, Design, Task
 from gain_gen.monitors.detectability import of_calibration
-from gain_gen.monitors.uncertainty import stated
 
 LARGEST_EFFORT = 20_000.0
 """N·m; no actuator's message carries more."""
@@ -65,10 +64,11 @@ def run(args: argparse.Namespace) -> int:
     """Design, write and report; 1 for an as-printed law that fails a check, else 0."""
     if args.compare:
         return compare(args)
-    choices, box = choices_of(args), stated(by_key("--uncertainty", args.uncertainty))
+    choices = choices_of(args)
     stage = stage_of({}, choices)
     answer = design(chosen(choices, "law"), design_task(args))
     options = options_of(choices)
+    box = options.uncertainty
     record, tables = calibrate(answer, options)
     checks = {name: Check(**entry) for name, entry in tables["verification"].items()}
     of_bus = profile_of(choices).warnings
@@ -99,6 +99,9 @@ def show(answer: Design) -> None:
     """Print gains, checks and warnings of a design."""
     print("\n".join((*design_view.head(answer), "")))
     terminal.show_table(design_view.checks(answer.verified))
+    margin = answer.max_delay - answer.task.delay.most
+    for line in design_view.over_draws(answer.margins, margin):
+        print(line)
     if not answer.is_verified:
         print("NOT VERIFIED: written for comparison only")
     terminal.show_warnings(answer.warnings)
@@ -109,6 +112,37 @@ def compare(args: argparse.Namespace) -> int:
     if args.runs is not None:
         return drive_all(args)
     task = design_task(args)
+    answers = _designed(task)
+    fitted = task.vehicle.fit is not None
+    known = _designed(replace(task, vehicle=replace(task.vehicle, fit=None))) if fitted else {}
+    if args.json:
+        data = [_compared(law, answer) for law, answer in answers.items()]
+        for entry in data if fitted else ():
+            law = entry["law"]
+            entry["if_known"] = _compared(law, known[law])
+        print(json.dumps(data))
+        return 0
+    print(
+        f"{task.vehicle.name}, {task.actuator}, tick {1e3 * task.tick:g} ms, delay "
+        f"{1e3 * task.delay.least:.4g} to {1e3 * task.delay.most:.4g} ms from sample to force"
+    )
+    head = ("law", "roll RMS", "±20 %", "delay (ms)", "gain (dB)", "Ms")
+    rows = []
+    for law, answer in answers.items():
+        if isinstance(answer, Design):
+            rows.append(_row(law, answer))
+        if_known = known.get(law)
+        if isinstance(if_known, Design):
+            rows.append(_row(f"{law}, car known", if_known))
+    terminal.show_table(PageTable("Designs", head, rows))
+    for law, answer in answers.items():
+        if isinstance(answer, CanrollError):
+            print(f"{law} refused: {answer}")
+    return 0
+
+
+def _designed(task: Task) -> dict[str, Design | CanrollError]:
+    """Return every law's design for a task, or why there is none."""
     answers: dict[str, Design | CanrollError] = {}
     for law in LAWS:
         if law == "custom":
@@ -117,32 +151,16 @@ def compare(args: argparse.Namespace) -> int:
             answers[law] = design(law, task)
         except CanrollError as refused:
             answers[law] = refused
-    if args.json:
-        print(
-            json.dumps(
-                [
-                    summary(answer)
-                    if isinstance(answer, Design)
-                    else {"law": law, "refused": str(answer)}
-                    for law, answer in answers.items()
-                ]
-            )
-        )
-        return 0
-    print(
-        f"{task.vehicle.name}, {task.actuator}, tick {1e3 * task.tick:g} ms, delay "
-        f"{1e3 * task.delay.least:.4g} to {1e3 * task.delay.most:.4g} ms from sample to force"
-    )
-    head = ("law", "roll RMS", "±20 %", "delay (ms)", "gain (dB)", "Ms")
-    rows = [_row(answer) for answer in answers.values() if isinstance(answer, Design)]
-    terminal.show_table(PageTable("Designs", head, rows))
-    for law, answer in answers.items():
-        if isinstance(answer, CanrollError):
-            print(f"{law} refused: {answer}")
-    return 0
+    return answers
 
 
-def _row(answer: Design) -> tuple[str, ...]:
+def _compared(law: str, answer: Design | CanrollError) -> dict[str, Any]:
+    if isinstance(answer, Design):
+        return summary(answer)
+    return {"law": law, "refused": str(answer)}
+
+
+def _row(name: str, answer: Design) -> tuple[str, ...]:
     """Return one row of the comparison."""
 
     def number(name: str, digits: int) -> str:
@@ -157,7 +175,7 @@ def _row(answer: Design) -> tuple[str, ...]:
 
     delay = f"{1e3 * answer.max_delay:.0f}" if isfinite(answer.max_delay) else "any"
     return (
-        answer.law,
+        name,
         number("roll_rms_ratio_nominal_delay", 3),
         number("box_roll_rms_ratio", 3),
         delay,

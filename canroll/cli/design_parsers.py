@@ -11,8 +11,8 @@ from canroll.cli.options import (
     add_json,
     add_services,
     add_spread,
-    add_uncertainty,
     add_verbose,
+    key_value,
     path_named,
     scenario,
 )
@@ -24,8 +24,7 @@ DEFAULT_DELAY_MS = 20.0
 OF_A_DESIGN = (
     *("vehicle", "law", "stage", "actuator", "observer", "tick_ms", "trigger", "heartbeat_ms"),
     *("gains", "matrices", "unverified", "moment_share", "feedforward", "identification"),
-    "offset_learning",
-    *("response_watch", "bus"),
+    *("offset_learning", "response_watch", "uncertainty", "bus"),
 )
 OF_A_DRIVE = ("plant", "speed_kmh", "options")
 """Choices of the runs in which laws are compared."""
@@ -94,7 +93,6 @@ def design(parser: Parser) -> None:
     add_choices(parser, OF_A_DRIVE)
     add_json(parser)
     add_verbose(parser, "the numbers without a limit and the least faults that can be found")
-    add_uncertainty(parser)
     parser.add_argument(
         "--out",
         type=path_named,
@@ -117,7 +115,15 @@ def margins(parser: Parser) -> None:
     parser.add_argument("calibration", type=path_named, help="calibration.toml of canroll design")
     add_json(parser)
     add_verbose(parser, "the least faults that can be found")
-    add_uncertainty(parser)
+    parser.add_argument(
+        "--uncertainty",
+        action="append",
+        type=key_value,
+        default=[],
+        metavar="KEY=WIDTH",
+        help="half-width that the table of detectable faults allows for instead of the "
+        "calibration's, such as mass=0.05, and print the table; may be repeated",
+    )
     parser.add_argument("--out", type=Path, metavar="DIR", help="write margins.png there")
 
 

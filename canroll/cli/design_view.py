@@ -17,6 +17,13 @@ LABELS = {
     "phase_deg": "phase margin",
     "peak_sensitivity": "peak sensitivity",
     "modulus": "distance from −1 (modulus margin)",
+    "draws": "cars drawn from the fit",
+    "draws_gain_db": "gain margin, worst draw of the fit",
+    "draws_phase_deg": "phase margin, worst draw of the fit",
+    "draws_peak_sensitivity": "peak sensitivity, worst draw of the fit",
+    "fitted_gain_db": "gain margin, fitted car",
+    "fitted_phase_deg": "phase margin, fitted car",
+    "fitted_peak_sensitivity": "peak sensitivity, fitted car",
     "crossover": "crossover frequency (rad/s)",
     "max_delay_sampled_s": "largest delay, sampled loop",
     "max_delay_s": "largest delay, continuous loop",
@@ -86,6 +93,33 @@ def head(answer: Design) -> Iterator[str]:
     for name, rows in numbers.get("matrices", {"gain": numbers.get("gain")}).items():
         for row in rows:
             yield f"  {name:<7} {'  '.join(f'{number:.6g}' for number in row)}"
+
+
+def over_draws(numbers: Mapping[str, float], delay_margin: float) -> Iterator[str]:
+    """Yield the line on the draws of the vehicle's fit, if it has one.
+
+    Args:
+        numbers: of :func:`gain_gen.analysis.fitted_family.margins_of_draws`, among others.
+        delay_margin: of all draws over the longest delay, s.
+    """
+    if "draws" not in numbers:
+        return
+    texts = {
+        of: (
+            value("gain_db", numbers[f"{of}_gain_db"]),
+            value("phase_deg", numbers[f"{of}_phase_deg"]),
+            f"{numbers[f'{of}_peak_sensitivity']:.3g}",
+        )
+        for of in ("draws", "fitted")
+    }
+    gain, phase, peak = texts["draws"]
+    yield (
+        f"over {numbers['draws']:.0f} draws of the fit: least gain margin {gain}, phase margin "
+        f"{phase}, delay margin {value('s', 1e3 * delay_margin).replace(' s', ' ms')}, "
+        f"largest Ms {peak}"
+    )
+    gain, phase, peak = texts["fitted"]
+    yield f"of the fitted car alone: {gain}, {phase}; Ms {peak}"
 
 
 def checks(verified: Mapping[str, Check]) -> PageTable:

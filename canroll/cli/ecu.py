@@ -2,9 +2,11 @@
 
 import argparse
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import dbc
+import vehicles
 from canroll.cli import terminal
 from canroll.cli.options import choices_of, chosen_services, folder_of
 from canroll.cli.parser import check_mode
@@ -27,6 +29,7 @@ from canroll.setup.controller import stage_of
 from canroll.setup.keys import refuse_useless_key, secret_of
 from canroll.studies import recorded_drive
 from canroll.studies.recorded_drive_page import drive_page, reception_table
+from canroll.studies.recursive_estimate import RecursiveEstimate, estimate_table, estimates
 from codegen.generated.mailbox_frame import with_signals
 from codegen.run.backends import Backend, default_backend, open_backend
 from codegen.run.bus_firmware import BusFirmware, with_services
@@ -294,6 +297,7 @@ def replay_drive(
             key=key,
             progress=progress,
         )
+    identified = _identified(args.fitted, loaded, drive)
     parameters = [
         ("log", str(args.replay)),
         ("calibration", f"{args.calibration} (id {loaded.record.id})"),
@@ -302,6 +306,7 @@ def replay_drive(
     ]
     texts = {"report": (".html", lambda: drive_page(drive, args.replay.name, parameters))}
     about = {"log": str(args.replay), "channel": logged.channel, **drive.to_json()}
+    about["identified"] = [asdict(one) for one in identified]
     data = {"files": {}, **write_page(out, "drive", texts, about)}
     if args.json:
         print(json.dumps(data))
@@ -309,5 +314,27 @@ def replay_drive(
         terminal.show_verdict(drive.verdict, good=None)
         terminal.show_warnings(drive.warnings)
         terminal.show_table(reception_table(drive))
+        if identified:
+            terminal.show_titled(estimate_table(identified))
         terminal.show_files(data["files"])
     return 0
+
+
+def _identified(
+    path: str | None, loaded: LoadedCalibration, drive: recorded_drive.RecordedDrive
+) -> tuple[RecursiveEstimate, ...]:
+    """Return what the ECU identified, beside the vehicle fitted offline.
+
+    Raises:
+        CanrollError: there is a fitted vehicle to compare with, but the ECU identifies nothing.
+    """
+    if drive.ratios is None:
+        if path is not None:
+            raise CanrollError(
+                f"--fitted: {loaded.path} does not identify: design it with --identification"
+            )
+        return ()
+    fitted = loaded.vehicle if path is None else vehicles.load(path)
+    return estimates(
+        drive.ratios, loaded.record, loaded.vehicle, None if fitted.fit is None else fitted
+    )

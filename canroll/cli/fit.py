@@ -10,6 +10,7 @@ import tomli_w
 import vehicles
 from canroll.cli import terminal
 from canroll.cli.options import choices_of, folder_of
+from canroll.documents import with_short_lists
 from canroll.errors import CanrollError
 from canroll.identification.drive_log import choice_of, read
 from canroll.identification.fit import Fit, FitSettings, fit
@@ -108,7 +109,7 @@ def _write(result: Fit, out: Path) -> dict[str, str]:
         "report": out / "report.html",
     }
     written = {name: str(path) for name, path in files.items()}
-    write_text(files["vehicle"], tomli_w.dumps(table))
+    write_text(files["vehicle"], with_short_lists(tomli_w.dumps(table)))
     write_text(files["result"], json.dumps(result.to_json() | {"files": written}, indent=1))
     write_text(files["report"], fit_page(result))
     return written

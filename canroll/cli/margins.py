@@ -4,6 +4,7 @@ import argparse
 import json
 import sys
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,7 +43,8 @@ def run(args: argparse.Namespace) -> int:
     note = vehicles.note_of_change(calibration.vehicle, "calibration")
     if note:
         print(f"note: {note}", file=sys.stderr)
-    box = stated(by_key("--uncertainty", args.uncertainty))
+    designed = stated(calibration.tables.get("uncertainty", {}))
+    box = stated(by_key("--uncertainty", args.uncertainty), designed)
     report = margin_report(calibration)
     if args.out is not None:
         picture = args.out / "margins.png"
@@ -88,11 +90,15 @@ def show(report: MarginReport) -> None:
     )
     if report.note:
         terminal.show_warnings([report.note])
-    conditions = tuple(dict.fromkeys(row.condition for row in report.family.rows))
+    conditions = tuple(
+        dict.fromkeys(row.condition for row in report.family.rows if not row.condition.draw)
+    )
     print()
     terminal.show_table(_family_table(report.family, conditions))
     print()
     terminal.show_table(design_view.checks(report.checks))
+    for line in design_view.over_draws(report.fit, report.max_delay - delay.most):
+        print(line)
     over_delay = [(f"{1e3 * point.delay:.0f} ms", point) for point in report.over_delay]
     over_gain = [(f"× {point.gain_factor:g}", point) for point in report.over_gain]
     for title, points in (
@@ -105,11 +111,14 @@ def show(report: MarginReport) -> None:
 def _family_table(family: FamilyMargins, conditions: Iterable[Condition]) -> PageTable:
     rows = []
     for condition in conditions:
-        of = FamilyMargins(tuple(row for row in family.rows if row.condition == condition))
+        of = FamilyMargins(
+            tuple(row for row in family.rows if replace(row.condition, draw=0) == condition)
+        )
         gain, peak = of.worst_gain, of.worst_sensitivity
         numbers = _number(gain.margins.gain_db), _peak(peak.margins), f"{1e3 * peak.delay:.1f}"
         rows.append((str(condition), *numbers))
-    head = ("worst over all delays", "gain (dB)", "Ms", "at (ms)")
+    over = " and draws" if any(row.condition.draw for row in family.rows) else ""
+    head = (f"worst over all delays{over}", "gain (dB)", "Ms", "at (ms)")
     return PageTable("Family", head, rows)
 
 

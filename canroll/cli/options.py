@@ -186,7 +186,7 @@ def choices_of(args: argparse.Namespace, names: Iterable[str] = CHOICES) -> dict
         CanrollError: an invalid number.
     """
     given = {name: getattr(args, name, None) for name in names}
-    for name in given.keys() & {"options", "conditions"}:
+    for name in (name for name in given if CHOICES[name].kind is Mapping):
         given[name] = by_key(CHOICES[name].option, given[name] or ()) or None
     choices = {name: value for name, value in given.items() if value is not None}
     if "vehicle" in given and getattr(args, "vehicle_set", None):
@@ -297,19 +297,6 @@ def add_verbose(parser: Parser, more: str) -> None:
         excludes={"json": "--json has everything"},
         action="store_true",
         help=f"print {more} too",
-    )
-
-
-def add_uncertainty(parser: Parser) -> None:
-    """Add the option for what the table of detectable faults allows for."""
-    parser.add_argument(
-        "--uncertainty",
-        action="append",
-        type=key_value,
-        default=[],
-        metavar="KEY=WIDTH",
-        help="half-width that the table of detectable faults allows for, such as mass=0.05, and "
-        "print the table; may be repeated",
     )
 
 

@@ -107,13 +107,19 @@ def ecu(parser: Parser) -> None:
         help="replay a trace of --trace and compare; or run through a bus log (.mf4 .blf .asc …), "
         "open loop",
     )
+    parser.add_argument(
+        "--fitted",
+        metavar="FILE",
+        help="vehicle of 'canroll fit', to compare with what the ECU identified (default: that of "
+        "the calibration)",
+    )
     add_section(parser)
     add_answer(parser, "the page of a bus log")
     add_services(parser)
     add_memory(parser)
     parser.relate(
         Relations(only=(DRIVE,), outside=": it belongs to --replay of a bus log: omit it"),
-        *("section", "out", "json"),
+        *("section", "out", "json", "fitted"),
     )
     parser.relate(Relations(only=(ON_A_BUS, DRIVE)), "calibration", "channel")
     parser.relate(Relations(only=(ON_A_BUS, TRACE)), *SERVICES)

@@ -28,6 +28,7 @@ from canroll.identification.pieces import EVERYTHING, SAMPLE, Piece, Window, pie
 from canroll.identification.unknowns import Unknown
 from canroll.typing import Progress, Vector
 from vehicles import Vehicle
+from vehicles.fit_spread import SECTION, section_of, value_of
 from vehicles.load import from_table
 
 SURPRISING = 3.0
@@ -202,6 +203,7 @@ def fit(
     numbers = tuple(_numbers(model, point.x, covariance, felt))
     name = Path(log.name).name
     slopes = np.array([number.unknown.slope(number.value) for number in numbers])
+    scaled = covariance * np.outer(slopes, slopes)
     remarks += tuple(_strange(numbers, minima))
     of_car = np.array([not unknown.of_log for unknown in sought])
     labels = [unknown.label for unknown in sought if not unknown.of_log]
@@ -209,9 +211,9 @@ def fit(
     return Fit(
         log=name,
         start=vehicle,
-        vehicle=fitted(vehicle, numbers, name),
+        vehicle=fitted(vehicle, numbers, scaled, name),
         numbers=numbers,
-        covariance=covariance * np.outer(slopes, slopes),
+        covariance=scaled,
         information=content,
         pairs=tuple(together(covariance[np.ix_(of_car, of_car)], labels)),
         seconds=float(model.compared.any(axis=1).sum() * SAMPLE),
@@ -304,11 +306,23 @@ def _agreements(model: Model, x: Vector) -> tuple[Agreement, ...]:
     )
 
 
-def fitted(vehicle: Vehicle, numbers: tuple[FittedNumber, ...], log: str) -> Vehicle:
+def fitted(
+    vehicle: Vehicle,
+    numbers: tuple[FittedNumber, ...],
+    covariance: NDArray[np.float64],
+    log: str,
+) -> Vehicle:
     """Return the vehicle with fitted numbers, whose sources have their standard deviations.
 
     Numbers that the log does not tell keep theirs. A body without load that the vehicle's file
     has would contradict the fitted one, and is left out.
+
+    Args:
+        vehicle: where the fit started.
+        numbers: all that was unknown.
+        covariance: of the numbers (p, p), in products of their units; the spread of those that the
+            log does not tell is their prior's.
+        log: its name.
 
     Raises:
         CanrollError: no vehicle can have the numbers.
@@ -336,7 +350,7 @@ def fitted(vehicle: Vehicle, numbers: tuple[FittedNumber, ...], log: str) -> Veh
         ("suspension.spring_rate_rear", vehicle.suspension.spring_rate_rear),
         ("mass.pitch_inertia", vehicle.mass.pitch_inertia),
     ):
-        if unknowns.value_of(changed, key) != before:
+        if value_of(changed, key) != before:
             sources[key] = f"follows from the numbers fitted on {log}: {before:.4g} before"
     plant = any(n.unknown.key.startswith("plant.") for n in own)
     if plant and "empty" in table:
@@ -349,4 +363,7 @@ def fitted(vehicle: Vehicle, numbers: tuple[FittedNumber, ...], log: str) -> Veh
         sources["design"] = "equal to the plant"
     table["title"] = f"{vehicle.title}, fitted"
     table["basis"] = f"fitted on {log}; before: {vehicle.basis}"
+    of_car = [i for i, number in enumerate(numbers) if not number.unknown.of_log]
+    keys = [numbers[i].unknown.key for i in of_car]
+    table[SECTION] = section_of(log, keys, covariance[np.ix_(of_car, of_car)])
     return from_table(table, name=vehicle.name, where=f"fitted {vehicle.name}", unusual=None)

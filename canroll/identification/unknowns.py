@@ -2,15 +2,15 @@
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import exp
 from math import log as natural
-from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.identification.drive_log import QUANTITIES
 from vehicles import Vehicle
-from vehicles.roll_stiffness import springs_within
+from vehicles.draws import numbers as vehicle_numbers
+from vehicles.fit_spread import value_of
 
 LOG = "log"
 """Section of the unknowns of the measurement, which no vehicle file has."""
@@ -106,9 +106,6 @@ OFFSETS = {"angle": 0.02, "rate": 0.02, "acceleration": 0.5, "length": 0.01}
 STEERING_SPREAD = 0.06
 """Usual angle (rad) of a steering wheel in straight driving."""
 
-MARGIN = 1e-3
-"""Distance, relative, from what is impossible."""
-
 KNOWN = ("measured", "given")
 """First words of the source of a number that is not guessed: it is held."""
 _SPREAD = r"±\s*([\d.]+(?:e[+-]?\d+)?)\s*(%?)"
@@ -202,41 +199,7 @@ def delay_key(signal: str) -> str:
     return f"{LOG}.{signal}_delay"
 
 
-def value_of(vehicle: Vehicle, key: str) -> float:
-    """Return the number of a vehicle at a key."""
-    part: Any = vehicle
-    for name in key.split("."):
-        part = part[int(name)] if isinstance(part, tuple) else getattr(part, name)
-    return float(part)
-
-
 def applied(vehicle: Vehicle, values: Mapping[str, float]) -> Vehicle:
-    """Return ``vehicle`` with the ``values`` of its keys, unchecked; those of the log are left.
-
-    What steering does not show follows where it must: springs are no stiffer than the roll
-    stiffness permits, and the pitch inertia is one that a body with the other two can have.
-
-    Raises:
-        CanrollError: the tyres alone are softer in roll than the car.
-    """
-    alike = vehicle.design == vehicle.plant
-    for key, value in values.items():
-        section, *path = key.split(".")
-        if section != LOG:
-            vehicle = _changed(vehicle, [section, *path], value)
-    vehicle = springs_within(vehicle)
-    yaw, roll = vehicle.sprung_yaw_inertia, vehicle.plant.inertia_about_cg
-    least, most = (1.0 + MARGIN) * abs(yaw - roll), (1.0 - MARGIN) * (yaw + roll)
-    pitch = min(max(vehicle.mass.pitch_inertia, least), most)
-    if pitch != vehicle.mass.pitch_inertia:
-        vehicle = _changed(vehicle, ["mass", "pitch_inertia"], pitch)
-    return replace(vehicle, design=vehicle.plant) if alike else vehicle
-
-
-def _changed(record: Any, path: list[str], value: float) -> Any:  # noqa: ANN401
-    """Return ``record``, dataclasses with tuples in them, with the number at ``path`` replaced."""
-    name, *rest = path
-    if isinstance(record, tuple):
-        return tuple(value if i == int(name) else item for i, item in enumerate(record))
-    inner = _changed(getattr(record, name), rest, value) if rest else value
-    return replace(record, **{name: inner})
+    """Return :func:`vehicles.draws.numbers.applied` without the values of the log."""
+    of_car = {key: value for key, value in values.items() if not key.startswith(f"{LOG}.")}
+    return vehicle_numbers.applied(vehicle, of_car)

@@ -346,6 +346,18 @@ class Choices(TypedDict, total=False):
             saved=False,
         ),
     ]
+    uncertainty: Annotated[
+        Mapping[str, Any] | None,
+        Choice(
+            option="--uncertainty",
+            rare=True,
+            help="half-width of what is not known of car, sensors or road, such as mass=0.05, that "
+            "the monitors allow for; may be repeated",
+            of=CONTROLLER,
+            frozen_in_calibration=True,
+            saved=False,
+        ),
+    ]
     options: Annotated[
         Mapping[str, Any] | None,
         Choice(

@@ -28,6 +28,7 @@ from gain_gen.calibration.quantise import ACTUATOR_NUMBER, QuantiseOptions
 from gain_gen.design import design, without_control
 from gain_gen.laws import WITHOUT_ROLL_RATE
 from gain_gen.models.task import Delay, Design, Task
+from gain_gen.monitors.uncertainty import stated
 from plant_sim.can_bus.network.own_frames import bus_map
 from vehicles import Vehicle
 
@@ -165,7 +166,7 @@ def options_of(choices: Mapping[str, Any]) -> QuantiseOptions:
     """Return the calibration options in ``choices`` that do not depend on the law.
 
     Raises:
-        CanrollError: an invalid heartbeat, or one without events.
+        CanrollError: an invalid heartbeat, or one without events; an invalid uncertainty.
     """
     tick, heartbeat = (1e-3 * chosen(choices, name) for name in ("tick_ms", "heartbeat_ms"))
     if not tick <= heartbeat < COMMAND_TIMEOUT:
@@ -191,6 +192,7 @@ def options_of(choices: Mapping[str, Any]) -> QuantiseOptions:
         response_watch=_response_watch(choices),
         sample_period=_sample_period(choices),
         moment_reported=not _unreported(choices),
+        uncertainty=stated(choices.get("uncertainty") or {}),
         heartbeat=heartbeat,
     )
 

@@ -21,9 +21,11 @@ from canroll.typing import Vector
 from codegen.generated.mailbox import EXTENDED
 from codegen.run.backends import open_backend
 from codegen.run.bus_firmware import BusFirmware
+from codegen.run.memory_image import dtype
 from dbc.keys import DEVELOPMENT_KEY
 from firmware.calibration import Calibration
 from firmware.event_trigger import command_slot
+from firmware.identification import RATIO_ONE
 from plant_sim.can_bus.traffic.log_reader import Logged
 from plant_sim.can_bus.wire import frame as wire
 from plant_sim.world.spool import Rows
@@ -67,6 +69,8 @@ class RecordedDrive:
         codes: every fault code that was active.
         errors: error frames of the channel.
         remarks: what was left out of the log.
+        ratios: roll stiffness less gravity and roll damping to those of the calibration, as
+            identified at the end; None where the ECU does not identify them.
     """
 
     frames: int
@@ -78,6 +82,7 @@ class RecordedDrive:
     codes: tuple[CodeSeen, ...]
     errors: int = 0
     remarks: tuple[str, ...] = ()
+    ratios: tuple[float, float] | None = None
 
     @property
     def seconds(self) -> float:
@@ -184,7 +189,14 @@ def replay(
         codes=codes_seen(ticks),
         errors=len(logged.errors_ns),
         remarks=logged.remarks,
+        ratios=_identified(ecu.image(), firmware) if calibration.identification else None,
     )
+
+
+def _identified(image: bytes, firmware: BusFirmware) -> tuple[float, float]:
+    """Return the two ratios of the ECU's recursive least squares from its state record."""
+    theta = np.frombuffer(image, dtype(firmware.record))["theta"][0]
+    return float(theta[0]) / RATIO_ONE, float(theta[1]) / RATIO_ONE
 
 
 def _receptions(

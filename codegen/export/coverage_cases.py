@@ -200,7 +200,8 @@ def _rare(bus: BusMap) -> Iterator[Case]:
     for window in (2, 10_000):
         clocked = {**slow, "clock_window": window, "timeout_ticks": [5, 5, 0, 5, 0]}
         yield Case("another clock", _changed(4, **clocked), quiet)
-    yield Case("own identifiers", _changed(4), EcuTraffic(foreign, frames.elapsed[:8]))
+    own = _changed(4, recovery_ticks=3)
+    yield Case("own identifiers", own, EcuTraffic(foreign, frames.elapsed[:8]))
 
 
 def _accused(bus: BusMap) -> Iterator[Case]:
@@ -209,10 +210,12 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         "law": STATE_FEEDBACK,
         "compensator_outputs": 1,
         "observer": CONSTANT_GAIN,
+        "measurements": 3,
         "init_ticks": 1,
         "fade_low": 0,
         "fade_high": 1,
         "redundancy_min": 1,
+        "redundancy_share": 0,
         "redundancy_limit": STATE_MAX,
         "opposite_min": 0,
         "delivery_window": 3,
@@ -220,6 +223,7 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         "rolling_min": 1,
         "response_min": 1,
         "axles_min": 1,
+        "axles_rest": STATE_MAX // 2,
         "heave_min": 1,
     }
     mirrored: dict[str, object] = {
@@ -243,10 +247,17 @@ def _accused(bus: BusMap) -> Iterator[Case]:
             yield Case("mirrored", _changed(1, **changes), swaying)
     rigid: dict[str, object] = {
         "response_min": STATE_MAX // 2,
+        "steady_min": 1 << 26,
         "response_stroke": [0, 0],
+        "response_rough": [0, 0],
         "response_inertia": 0,
         "response_lateral": 1 << 21,
-        "response_wash": 0,
+        "response_pass": ONE,
+        "response_wash": [ONE // 2, 0, 0],
+        "response_share": [0] * 5,
+        "limit_share": [0] * 2,
+        "lateral_share": [0] * 2,
+        "steady_share": [1 << 10, 1 << 10, 0],
         "redundancy_min": 0,
     }
     calm = {**quick, **dict.fromkeys(COUNTS, 1), **rigid, "actuator": BARS}
@@ -259,13 +270,13 @@ def _accused(bus: BusMap) -> Iterator[Case]:
             _changed(1, **calm),
             EcuTraffic(swaying.frames[moves], swaying.elapsed),
         )
-    swaying = random_traffic(430, 240, hostile=0.0, rough=1.0, bus=bus)
+    swaying = random_traffic(5, 240, hostile=0.0, rough=1.0, bus=bus)
     gentle = _changed(1, **calm | {"response_lateral": 1 << 20})
     yield Case("calm, then no yaw rate", gentle, swaying)
     # the first leaves much of the lateral force over at once, the second little for long
     swaying = random_traffic(18, 300, hostile=0.0, rough=1.0, bus=bus)
     for response_pass in (ONE, 1 << 24):
-        heavy = {**calm, "response_min": 1 << 27, "response_pass": response_pass}
+        heavy = {**calm, "response_pass": response_pass}
         yield Case("the model is right, or not", _changed(1, **heavy), swaying)
     still = _standing(random_traffic(1, 240, hostile=0.0, rough=1.0, bus=bus), bus)
     for samples in (1, 3):

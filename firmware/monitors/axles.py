@@ -21,6 +21,7 @@ from firmware.monitors.balance import (
     accuse_axles,
     leave_room,
     left_over,
+    share,
     start_balance,
     stretch,
 )
@@ -28,9 +29,6 @@ from firmware.monitors.redundancy import magnitude
 from firmware.monitors.rolling import within
 from firmware.state import Ecu
 from firmware.subset import i32, rsh, sat31
-
-# an eighth of the moments
-SHARE = 3
 
 
 def comparable(ecu: Ecu, cal: Calibration) -> i32:
@@ -61,9 +59,11 @@ def watch_axles(ecu: Ecu, cal: Calibration) -> None:
     left: i32 = left_over(ecu, cal, AXLES, acting, momentum)
     stretch(ecu, AXLES, stretched)
     rough: i32 = product(magnitude(stretched), cal.axles_rough, 10)
-    moments: i32 = magnitude(ecu.delivered[0]) + magnitude(of_rear)
-    leave_room(ecu, AXLES, sat31(rough + rsh(moments, SHARE)), rsh(cal.response_wash, 1))
+    moments: i32 = sat31(magnitude(ecu.delivered[0]) + magnitude(of_rear))
+    by_side: i32 = magnitude(product(ecu.lateral_acceleration, cal.axles_side, 20))
+    wrong: i32 = sat31(rough + share(moments, cal.response_share[3]) + by_side)
+    leave_room(ecu, AXLES, wrong, rsh(cal.response_wash[2], 1))
     limit: i32 = ecu.balance_room[AXLES] + cal.axles_min
     if ecu.balance_room[AXLES] > cal.axles_rest:
         limit = STATE_MAX
-    accuse_axles(ecu, AXLES, left, limit, cal.response_ticks)
+    accuse_axles(ecu, AXLES, left, limit, cal.axles_ticks)

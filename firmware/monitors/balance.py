@@ -5,29 +5,29 @@ offset counts, and low-passed, so that the momentum enters without a derivative.
 part alone is that part, passed alike: what it may be wrong by is a share of it.
 """
 
-from firmware.calibration import STATE_MAX, Calibration
+from firmware.calibration import ONE, Q_SHARE, STATE_MAX, Calibration
 from firmware.fixed_point import product
 from firmware.monitors.redundancy import beyond, lasting, magnitude
 from firmware.state import Ecu
 from firmware.subset import clamp, i32, rsh, sat31
 
-# the balances: of the body, of the body by the lateral acceleration, of one axle less the other
-BODY = 0
-LATERAL = 1
-AXLES = 2
-# what the body's has left over at once
-JUMP = 3
+# the balances: of the body by the lateral acceleration, of one axle less the other
+LATERAL = 0
+AXLES = 1
 # of what the springs carry, upright
-HEAVE = 4
+HEAVE = 2
 # what the lateral acceleration's has left over for the moments
-STEADY = 5
-# what acts on the body, part by part
-SIDE_FORCE = 6
-SPRINGS = 7
-DAMPERS = 8
-ACTUATORS = 9
-# the washout of the lateral acceleration's and of heave is slower by this power of two
-SLOWER = 4
+STEADY = 3
+# of the body, and what acts on it, part by part: the quick ones
+BODY = 4
+SIDE_FORCE = 5
+SPRINGS = 6
+DAMPERS = 7
+ACTUATORS = 8
+# values of ecu.response_known: neither balance is judged, that of the moments, both
+NOTHING = 0
+ONE_BALANCE = 1
+BOTH = 2
 # the mean of what a rough road makes forgets by this power of two in a tick
 MEAN = 10
 
@@ -40,14 +40,23 @@ def start_balance(ecu: Ecu, which: i32, acting: i32, momentum: i32) -> None:
     ecu.balance_room[which] = 0
 
 
+def washout(ecu: Ecu, cal: Calibration, which: i32) -> i32:
+    """Return what goes of a balance in a tick; the slow ones are quick until they are judged."""
+    if which >= BODY:
+        return cal.response_wash[0]
+    if which == AXLES:
+        return cal.response_wash[2]
+    if which != HEAVE and ecu.response_known != BOTH:
+        return cal.response_wash[0]
+    return cal.response_wash[1]
+
+
 def left_over(ecu: Ecu, cal: Calibration, which: i32, acting: i32, momentum: i32) -> i32:
     """Return what is left of a balance, washed out and low-passed.
 
     ``acting`` is all but the springs' share, ``momentum`` by the low-pass's time constant.
     """
-    wash: i32 = cal.response_wash
-    if which == LATERAL or which == HEAVE:
-        wash = rsh(wash, SLOWER)
+    wash: i32 = washout(ecu, cal, which)
     spring: i32 = ecu.balance_spring[which]
     slow: i32 = ecu.balance_slow[which]
     washed: i32 = sat31(spring + acting)
@@ -63,10 +72,15 @@ def stretch(ecu: Ecu, which: i32, stretched: i32) -> None:
 
 
 def at_once(ecu: Ecu, which: i32, value: i32, fading: i32) -> i32:
-    """Return what is new in ``value``: washed out once more, by ``fading``, of 2^30."""
+    """Return what is new in ``value``: washed out by ``fading``, of 2^30."""
     new: i32 = sat31(value - ecu.balance_past[which])
     ecu.balance_past[which] = sat31(ecu.balance_past[which] + product(new, fading, 30))
     return new
+
+
+def share(value: i32, of: i32) -> i32:
+    """Return a share ``of`` the magnitude of ``value``."""
+    return product(magnitude(value), of, Q_SHARE)
 
 
 def leave_room(ecu: Ecu, which: i32, size: i32, fading: i32) -> None:
@@ -75,15 +89,16 @@ def leave_room(ecu: Ecu, which: i32, size: i32, fading: i32) -> None:
     ecu.balance_room[which] = clamp(size, room - product(room, fading, 30), STATE_MAX)
 
 
-def leave_mean(ecu: Ecu, which: i32, change: i32, times: i32) -> i32:
-    """Let so many ``times`` (a power of two) the mean magnitude of ``change`` be left over.
+def mean_change(ecu: Ecu, which: i32, value: i32) -> i32:
+    """Return the mean magnitude by which an input changes in a tick; ``value`` is the newest.
 
-    A rough road makes it, of samples that come early, late, twice or not at all.
+    What samples that come early, late, twice or not at all are wrong by follows it.
     """
-    room: i32 = ecu.balance_room[which]
-    room = clamp(room - rsh(room, MEAN) + rsh(magnitude(change), MEAN - times), 0, STATE_MAX)
-    ecu.balance_room[which] = room
-    return room
+    change: i32 = magnitude(at_once(ecu, which, value, ONE))
+    mean: i32 = ecu.balance_room[which]
+    mean = clamp(mean - rsh(mean, MEAN) + rsh(change, MEAN), 0, STATE_MAX)
+    ecu.balance_room[which] = mean
+    return mean
 
 
 def accuse_axles(ecu: Ecu, which: i32, left: i32, limit: i32, ticks: i32) -> None:

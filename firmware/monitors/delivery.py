@@ -8,13 +8,10 @@ counts as failed until the next ``init``: the evidence needs a command, which SA
 """
 
 from firmware.calibration import BARS, STATE_MAX, STATE_MIN, SUSPENSION, Calibration
-from firmware.fixed_point import product
+from firmware.fixed_point import product, with_share
 from firmware.plausibility import NEEDED, STUCK
 from firmware.state import FIRST_FRAME, RX_ACTUATOR_STATE, Ecu
-from firmware.subset import clamp, i32, rsh
-
-# the band's edges are a quarter of its size wide, besides their least width
-SHARE = 2
+from firmware.subset import clamp, i32
 
 
 def note_command(ecu: Ecu, cal: Calibration) -> None:
@@ -46,7 +43,7 @@ def outside(ecu: Ecu, cal: Calibration, axle: i32) -> i32:
     high: i32 = clamp(ecu.band_high[axle], ecu.band_high[axle + 2], STATE_MAX)
     low: i32 = clamp(ecu.band_low[axle], STATE_MIN, ecu.band_low[axle + 2])
     size: i32 = clamp(high, -low, STATE_MAX)
-    edge: i32 = cal.delivery_min + rsh(size, SHARE)
+    edge: i32 = with_share(cal.delivery_min, size, cal.delivery_share)
     if ecu.delivered[axle] > high + edge or ecu.delivered[axle] < low - edge:
         return 1
     return 0

@@ -14,16 +14,13 @@ from firmware.fixed_point import product
 from firmware.monitors.balance import (
     HEAVE,
     accuse_axles,
-    leave_mean,
     left_over,
+    mean_change,
     start_balance,
     stretch,
 )
 from firmware.state import Ecu
 from firmware.subset import i32, sat31
-
-# of what the springs' forces change in a tick, 2 to this power times the mean may be left over
-ROUGH = 5
 
 
 def watch_heave(ecu: Ecu, cal: Calibration) -> None:
@@ -39,5 +36,6 @@ def watch_heave(ecu: Ecu, cal: Calibration) -> None:
     moved: i32 = sat31(front + rear)
     more: i32 = left_over(ecu, cal, HEAVE, 0, 0)
     stretch(ecu, HEAVE, moved)
-    room: i32 = leave_mean(ecu, HEAVE, moved, ROUGH)
-    accuse_axles(ecu, HEAVE, more, sat31(cal.heave_min + room), cal.heave_ticks)
+    mean: i32 = mean_change(ecu, HEAVE, moved)
+    late: i32 = product(mean, cal.heave_late, 10)
+    accuse_axles(ecu, HEAVE, more, sat31(cal.heave_min + late), cal.heave_ticks)

@@ -11,7 +11,7 @@ bound, which no real bias comes near. A finding lasts until the next ``init``.
 """
 
 from firmware.calibration import BYPASS, STATE_MAX, Calibration
-from firmware.fixed_point import product
+from firmware.fixed_point import product, with_share
 from firmware.state import FIRST_FRAME, GYRO_BIAS, RX_IMU, Ecu
 from firmware.subset import clamp, i32, rsh, sat31
 
@@ -84,7 +84,7 @@ def watch_lateral_acceleration(ecu: Ecu, cal: Calibration) -> None:
     ecu.motion_now = clamp(motion, ecu.motion_now - rsh(ecu.motion_now, EASING), STATE_MAX)
     apart: i32 = frozen(ecu, cal, lateral, turning)
     if ecu.motion_peak < cal.redundancy_limit:
-        limit: i32 = cal.redundancy_min + rsh(ecu.motion_now, 1)
+        limit: i32 = with_share(cal.redundancy_min, ecu.motion_now, cal.redundancy_share)
         if gap(lateral, turning, steered) > limit:
             apart = 1
     ecu.apart_samples = lasting(ecu.apart_samples, apart, cal.apart_samples)

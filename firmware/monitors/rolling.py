@@ -11,12 +11,12 @@ stuck: no motion and no noise does that, at the tyres' limit neither. A finding 
 ``init``.
 """
 
-from firmware.calibration import STATE_MAX, Calibration
+from firmware.calibration import Q_SHARE, STATE_MAX, Calibration
 from firmware.fixed_point import product
 from firmware.monitors.redundancy import beyond, gap, lasting, magnitude, side_of
 from firmware.plausibility import NEEDED
 from firmware.state import RX_IMU, RX_SUSPENSION_RATE, Ecu
-from firmware.subset import clamp, i32, rsh, sat31
+from firmware.subset import clamp, i32, sat31
 
 # bits of ecu.valid of an Imu frame; the first is the roll rate's of cal.measurements too
 ROLL_SIGNAL = 1
@@ -25,9 +25,8 @@ YAW = 4
 GYRO = 0
 FRONT = 1
 REAR = 2
-# the largest rate fades in 8 time constants of the low-pass, and a quarter of it is left over
+# what may be left over fades in 8 time constants of the low-pass
 FADING = 3
-SHARE = 2
 
 
 def measured(ecu: Ecu, cal: Calibration) -> i32:
@@ -109,12 +108,12 @@ def watch_rolling(ecu: Ecu, cal: Calibration) -> None:
     rear = ecu.rolling_rate[REAR]
     size: i32 = ecu.rolling_size
     size = size - product(size, cal.response_pass, 30 + FADING)
+    larger: i32 = clamp(magnitude(front), magnitude(rear), STATE_MAX)
     on_tyres: i32 = magnitude(product(changed, cal.rolling_tyres, 17))
-    size = clamp(on_tyres, size, STATE_MAX)
-    size = clamp(magnitude(rear), size, STATE_MAX)
-    ecu.rolling_size = clamp(magnitude(front), size, STATE_MAX)
+    now: i32 = sat31(product(larger, cal.rolling_share, Q_SHARE) + on_tyres)
+    ecu.rolling_size = clamp(now, size, STATE_MAX)
     apart: i32 = gap(ecu.rolling_rate[GYRO], front, rear)
-    bad: i32 = beyond(apart, cal.rolling_min + rsh(ecu.rolling_size, SHARE))
+    bad: i32 = beyond(apart, sat31(cal.rolling_min + ecu.rolling_size))
     ecu.rolling_ticks = lasting(ecu.rolling_ticks, bad, cal.rolling_ticks)
     if ecu.rolling_ticks == cal.rolling_ticks:
         ecu.rate_contradicted = 1

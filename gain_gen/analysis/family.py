@@ -51,17 +51,20 @@ class Condition:
         speed: m/s; zero for such a model.
         lateral_acceleration: of a steady curve, m/s²; zero for straight running.
         friction: of the road.
+        draw: number of the car drawn from the vehicle's fit; 0 for the vehicle itself.
     """
 
     load: str
     speed: float
     lateral_acceleration: float = 0.0
     friction: float = 1.0
+    draw: int = 0
 
     def __str__(self) -> str:
+        text = f"draw {self.draw} of the fit, {self.load}" if self.draw else self.load
         if not self.speed:
-            return self.load
-        text = f"{self.load}, {self.speed / KMH:.0f} km/h"
+            return text
+        text += f", {self.speed / KMH:.0f} km/h"
         if self.lateral_acceleration:
             text += f", curve of {self.lateral_acceleration:.2g} m/s²"
         return text if self.friction == 1.0 else f"{text}, friction {self.friction:g}"

@@ -7,6 +7,7 @@ from math import inf
 import numpy as np
 
 from gain_gen.analysis.family import Family, FamilyMargins, FamilyRow
+from gain_gen.analysis.fitted_family import margins_of_draws
 from gain_gen.analysis.sampled_loop import SampledLoop, build, roll_rms, spectral_radius
 from gain_gen.analysis.speed_schedule import Speeds, certified_speed_rate
 from gain_gen.models.controller import Controller
@@ -55,6 +56,7 @@ def verify(
     )
     if margins.stable:
         report |= asdict(margins.nominal.margins)
+        report |= margins_of_draws(margins)
         level, where = family.jitter(controller)
         checks["jitter_small_gain"] = below(level, 1.0, str(where))
         _check_roll(task, checks, report, controller)

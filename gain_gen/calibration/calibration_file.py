@@ -41,6 +41,7 @@ TABLES = frozenset(
         "verification",
         "formats",
         "provenance",
+        "uncertainty",
         VEHICLE,
         "calibration",
     }
@@ -132,7 +133,7 @@ def dumps(record: Calibration, tables: Mapping[str, Any]) -> str:
         "calibration": {field.name: getattr(record, field.name) for field in fields(Calibration)},
     }
     head = {"schema": SCHEMA, DIGEST: digest(tomllib.loads(tomli_w.dumps(content)))}
-    return _NUMBERS.sub(_one_line, tomli_w.dumps(head | content))
+    return documents.with_short_lists(tomli_w.dumps(head | content))
 
 
 def digest(content: Mapping[str, Any]) -> str:
@@ -145,14 +146,6 @@ def digest(content: Mapping[str, Any]) -> str:
     design = promised.get("design", {})
     promised["design"] = {key: value for key, value in design.items() if key != "solve_s"}
     return hashlib.sha256(json.dumps(promised, sort_keys=True).encode()).hexdigest()
-
-
-_NUMBERS = re.compile(r"\[\n((?:\s*[-+.\w]+,\n)+)\s*\]")
-
-
-def _one_line(match: re.Match[str]) -> str:
-    """Put a list of plain numbers on one line."""
-    return f"[{', '.join(match[1].replace(',', ' ').split())}]"
 
 
 def save(path: Path, record: Calibration, tables: Mapping[str, Any]) -> None:

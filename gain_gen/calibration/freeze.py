@@ -1,6 +1,6 @@
 """Contents of a calibration file besides its integers: design, margins, verdicts, sources."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from importlib.metadata import version
 from math import isfinite
 from typing import Any
@@ -12,9 +12,9 @@ from firmware.calibration import Calibration
 from firmware.check import check
 from gain_gen.calibration.calibration_file import VEHICLE
 from gain_gen.calibration.dequantise import physical_rows
-from gain_gen.calibration.monitor_part import unwatched
 from gain_gen.calibration.quantise import Quantised, QuantiseOptions, law_kind, quantise_design
 from gain_gen.calibration.record import fill, identify
+from gain_gen.calibration.response_part import unwatched
 from gain_gen.calibration.rounding_error import quantisation_checks
 from gain_gen.calibration.vehicle_part import share_of
 from gain_gen.laws import LAWS
@@ -49,7 +49,8 @@ def calibrate(design: Design, options: QuantiseOptions | None = None) -> tuple[C
                 f"{design.law} for {design.task.vehicle.name}: {name} is {result.value:.3g}, more "
                 f"than {result.limit:g}: its coefficients exceed the fixed-point formats"
             )
-    return record, design_tables(replace(design, verified={**design.verified, **checks}), quantised)
+    verified = replace(design, verified={**design.verified, **checks})
+    return record, design_tables(verified, quantised) | {"uncertainty": asdict(options.uncertainty)}
 
 
 def design_tables(design: Design, quantised: Quantised) -> Tables:

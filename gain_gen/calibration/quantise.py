@@ -9,13 +9,15 @@ import dbc
 from canroll.errors import CanrollError
 from firmware import calibration as fw
 from firmware.state import RX_ACTUATOR_STATE, RX_SUSPENSION_RATE
-from gain_gen.calibration.monitor_part import clock_fields, erratic_fields, response_fields
+from gain_gen.calibration.monitor_part import clock_fields, erratic_fields
 from gain_gen.calibration.observer_part import covariance_fields, observer_fields
+from gain_gen.calibration.response_part import response_fields
 from gain_gen.calibration.rows import Q_MEASURED, Q_STATE, QuantisedRow, quantise_row
 from gain_gen.calibration.vehicle_part import timeouts, vehicle_fields
 from gain_gen.models.controller import Compensator, matrices
 from gain_gen.models.roll import stationary_covariance
 from gain_gen.models.task import EPSILON_SQUARED, Design
+from gain_gen.monitors.uncertainty import DEFAULT, Uncertainty
 from vehicles.actuators import ACTUATORS
 
 Value = int | list[int] | list[list[int]]
@@ -53,6 +55,7 @@ class QuantiseOptions:
         sample_period: time in which the inertial unit counts one sample, 0: it is not judged, s.
         moment_reported: the actuators report the delivered moment; otherwise the commanded one
             counts as delivered.
+        uncertainty: what is not known of car, sensors and road.
     """
 
     event_trigger: bool = True
@@ -62,6 +65,7 @@ class QuantiseOptions:
     response_watch: bool = False
     sample_period: float = 0.0
     moment_reported: bool = True
+    uncertainty: Uncertainty = DEFAULT
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,11 +110,11 @@ def quantise_design(design: Design, options: QuantiseOptions) -> Quantised:
     fields |= covariance_fields(controller.observer)
     fields |= _law(design, rows)
     fields |= _trigger(design, options)
-    fields |= vehicle_fields(task, controller.schedule)
+    fields |= vehicle_fields(task, controller.schedule, options.uncertainty)
     fields |= clock_fields(task, options.sample_period) | erratic_fields(task)
     if options.response_watch:
         try:
-            fields |= response_fields(task)
+            fields |= response_fields(task, options.uncertainty)
         except CanrollError as error:
             raise CanrollError(f"{error}: design with --no-watch-response") from error
     waits = timeouts(task, *((RX_SUSPENSION_RATE,) if options.response_watch else ()))

@@ -19,6 +19,7 @@ from gain_gen.calibration.rows import quantise
 from gain_gen.models.controller import SPEEDS
 from gain_gen.models.front_share import front_share
 from gain_gen.models.task import Task
+from gain_gen.monitors.uncertainty import Uncertainty
 from vehicles import Vehicle
 from vehicles.actuators import ACTUATORS, MILLI
 from vehicles.axles import axles
@@ -47,12 +48,13 @@ Beyond, as in a fishhook, the angle would promise what they cannot hold.
 Value = int | list[int] | list[list[int]]
 
 
-def vehicle_fields(task: Task, schedule: tuple[float, ...]) -> dict[str, Value]:
+def vehicle_fields(task: Task, schedule: tuple[float, ...], box: Uncertainty) -> dict[str, Value]:
     """Return the fields determined by the vehicle, its actuators and the tick.
 
     Args:
         task: task of the design.
         schedule: factor on the command at each of :data:`SPEEDS`.
+        box: what is not known of the car.
     """
     share = share_of(task)
     return (
@@ -62,7 +64,7 @@ def vehicle_fields(task: Task, schedule: tuple[float, ...]) -> dict[str, Value]:
         | _schedule(task.vehicle, share, schedule)
         | _allocation(task)
         | _envelope(task, share)
-        | monitor_fields(task)
+        | monitor_fields(task, box)
         | {
             "straight_steering": _q(0.03, 24),
             "straight_yaw_rate": _q(0.01, fw.Q_RATE),

@@ -17,10 +17,9 @@ from gain_gen.monitors.bank import STEP, Bank, Residual, ticks_of
 from gain_gen.monitors.linear_car import car_of, effective_inertia
 from gain_gen.monitors.noise import response
 from gain_gen.monitors.residuals import bank_of
-from gain_gen.monitors.uncertainty import NOMINAL, Uncertainty
+from gain_gen.monitors.uncertainty import DEFAULT, NOMINAL, Uncertainty
 from vehicles import GRAVITY, Vehicle
 
-DEFAULT = Uncertainty()
 TOLERATED = 0.3
 """Time after its beginning in which a fault is to be found, s."""
 SLALOM = 4.0, 0.4

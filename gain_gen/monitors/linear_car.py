@@ -6,6 +6,7 @@ what it may be wrong by.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import hypot
 
 from gain_gen.monitors.uncertainty import NOMINAL, Factors, Uncertainty, vertices
 from vehicles import GRAVITY, Vehicle
@@ -88,6 +89,13 @@ def steered(car: Car, f: Factors, speed: float, front: float, rear: float) -> fl
         cornering_stiffness_rear=rear * tyre.cornering_stiffness_rear,
     )
     return tilted(car, f) * replace(car.vehicle, tyre=other).lateral_gain(speed)
+
+
+def blown(vehicle: Vehicle, wind: float, speed: float) -> float:
+    """Return the roll moment (N·m) of a crosswind that the tyres bear and no a_y shows."""
+    air = vehicle.side_wind
+    lever = max(0.0, air.centre_of_pressure_height - vehicle.roll_axis_height)
+    return air.force_factor * hypot(speed, wind) * wind * lever
 
 
 def lifting(car: Car) -> tuple[float, float]:

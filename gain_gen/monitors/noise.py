@@ -119,6 +119,12 @@ def floor(
     return level(box.alarms_per_hour, memory, passes) * sqrt(variance) + largest
 
 
+def late(box: Uncertainty, tick: float, washout: float) -> float:
+    """Return how far an integral walks for samples that are lost, per mean step, s."""
+    part = ResidualPart("", INTEGRAL, {}, washout)
+    return walk(part, box, tick, OF_STEPS * sqrt(box.late))
+
+
 def walk(part: ResidualPart, box: Uncertainty, tick: float, sigma: float) -> float:
     """Return how far an integral walks at random, N·m per N·m/s of the mean step of its integrand.
 

@@ -5,7 +5,7 @@ N: the lateral acceleration counts by m h, a roll rate by the roll damping.
 """
 
 from functools import partial
-from math import inf, sin, sqrt
+from math import inf, sin
 
 from gain_gen.models.task import Task
 from gain_gen.monitors.bank import (
@@ -23,6 +23,7 @@ from gain_gen.monitors.bank import (
 from gain_gen.monitors.linear_car import (
     Car,
     axle_forces,
+    blown,
     car_of,
     deviation,
     effective_inertia,
@@ -32,9 +33,9 @@ from gain_gen.monitors.linear_car import (
     steering_deviation,
     tilted,
 )
-from gain_gen.monitors.noise import OF_RATE, OF_STEPS, floor, walk
-from gain_gen.monitors.uncertainty import NOMINAL, Uncertainty
-from vehicles import GRAVITY
+from gain_gen.monitors.noise import FASTEST, OF_RATE, floor, late, walk
+from gain_gen.monitors.uncertainty import NOMINAL, Uncertainty, vertices
+from vehicles import GRAVITY, Vehicle
 
 SLOW, FAST, AXLES = 0.0125, 0.8, 0.2
 """Corners of the washouts, Hz: of the body twice, of the axles."""
@@ -69,6 +70,19 @@ def bank_of(task: Task, box: Uncertainty, *, suspension: bool, moments: bool) ->
             if task.actuator == "suspension":
                 builder.heave()
     return Bank(builder.parts, tuple(builder.residuals), builder.tick)
+
+
+def lateral_gap(vehicle: Vehicle, box: Uncertainty, tick: float) -> tuple[float, float]:
+    """Return by how much the lateral acceleration may differ from yaw rate × speed.
+
+    m/s² by bank, sideslip and noise, and a share of it by the lean of the body.
+    """
+    car = car_of(vehicle)
+    builder = Builder(car, box, tick)
+    builder.lateral()
+    names = ("mass", "height", "stiffness", "speed")
+    share = max(abs(f.speed * tilted(car, f) - 1.0) for f in vertices(box, names))
+    return builder.residuals[0].floor / car.arm, share
 
 
 class Builder:
@@ -116,11 +130,6 @@ class Builder:
             "stroke_rear": factor * gains[1] / tracks[1],
         }
 
-    def late(self, washout: float) -> float:
-        """Return how far an integral walks for samples that are lost, per mean step."""
-        integral = ResidualPart("", INTEGRAL, {}, washout)
-        return walk(integral, self.box, self.tick, OF_STEPS * sqrt(self.box.late))
-
     def body(self) -> None:
         """Add the balance of moments on the body: J p' + springs + dampers = m h a_y + moments.
 
@@ -131,10 +140,10 @@ class Builder:
         inertia = deviation(lambda f: effective_inertia(car, f), box, ("mass", "height", "inertia"))
         side = deviation(lambda f: f.mass * f.height, box, ("mass", "height"))
         j = effective_inertia(car, NOMINAL) / LOW_PASS
-        late = self.late(SLOW)
+        lost = late(box, self.tick, SLOW)
         steps = self.part(
             ResidualPart(
-                "steps of the springs", STEP, gains=self.strokes(springs, late), low_pass=MEAN
+                "steps of the springs", STEP, gains=self.strokes(springs, lost), low_pass=MEAN
             )
         )
         limit = off_stops(car, box)
@@ -197,13 +206,14 @@ class Builder:
                 Term(
                     steps,
                     0,
-                    self.late(washout) / late,
+                    late(box, self.tick, washout) / lost,
                 ),
             ]
             self.residual(
                 f"body, {name}",
                 terms,
                 time=self.body_time,
+                besides=blown(car.vehicle, box.wind, FASTEST),
                 limit=limit,
             )
 
@@ -368,7 +378,7 @@ class Builder:
         carried = self.part(
             ResidualPart("carried by the springs", INTEGRAL, gains=rates, washout=SLOW)
         )
-        factor = self.late(SLOW)
+        factor = late(box, self.tick, SLOW)
         steps = self.part(
             ResidualPart(
                 "steps of heave",

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from math import inf
+from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
 
@@ -34,6 +35,8 @@ class Uncertainty:
         temperature: largest distance from room temperature, K.
         bank: largest bank of the road, rad.
         bank_rate: largest rate at which it changes under the car, rad/s.
+        wind: largest speed of a gust across the road, m/s; 0, as a storm makes as much as moments
+            that are lies.
         hill: largest vertical acceleration that crests and dips make for long, m/s².
         sideslip: largest lateral acceleration of the sideslip alone, linear tyres, m/s².
         response: time by which a car follows its steering, s.
@@ -57,6 +60,7 @@ class Uncertainty:
     temperature: float = 60.0
     bank: float = 0.175
     bank_rate: float = 0.05
+    wind: float = 0.0
     hill: float = 0.9
     sideslip: float = 0.5
     response: float = 0.15
@@ -65,6 +69,7 @@ class Uncertainty:
     alarms_per_hour: float = 1e-3
 
 
+DEFAULT = Uncertainty()
 SHARES = (
     "mass",
     "height",
@@ -79,20 +84,19 @@ SHARES = (
 """Half-widths that are shares of the nominal value: below 1, so that something is left of it."""
 
 
-def stated(choices: Mapping[str, str]) -> Uncertainty:
-    """Return the defaults with the half-widths in ``choices`` in their place.
+def stated(choices: Mapping[str, Any], box: Uncertainty = DEFAULT) -> Uncertainty:
+    """Return ``box`` with the half-widths in ``choices``, text or numbers, in their place.
 
     Raises:
         UnknownNameError: there is no such half-width.
         CanrollError: not a number, negative, or a share of 1 and more.
     """
-    box = Uncertainty()
     for name, text in choices.items():
         if name not in Uncertainty.__dataclass_fields__:
             raise UnknownNameError("uncertainty", name, Uncertainty.__dataclass_fields__)
         try:
             width = float(text)
-        except ValueError as error:
+        except (TypeError, ValueError) as error:
             raise CanrollError(f"--uncertainty {name}={text}: {text!r} is not a number") from error
         if not 0.0 <= width < (1.0 if name in SHARES else inf):
             most = "below 1, a share of the nominal value" if name in SHARES else "0 or more"

@@ -3,6 +3,7 @@
 import json
 import re
 
+import numpy as np
 import pytest
 
 import vehicles
@@ -42,6 +43,11 @@ def test_it_writes_a_vehicle_its_covariance_and_a_page(drive, tmp_path, capsys):
     assert car.source("tyre.cornering_stiffness_front").startswith("fitted ±")
     result = json.loads((out / "fit.json").read_text())
     assert len(result["covariance"]) == len(result["numbers"])
+    of_car = [i for i, n in enumerate(result["numbers"]) if n["key"] in FREE]
+    covariance = np.array(result["covariance"])[np.ix_(of_car, of_car)]
+    deviations = np.array(car.fit.deviations)
+    assert car.fit.names == FREE
+    assert car.fit.matrix * np.outer(deviations, deviations) == pytest.approx(covariance)
     page = (out / "report.html").read_text()
     assert "Variance" in page or "variance explained" in page
 

@@ -44,6 +44,7 @@ ASKED = {
     "identification": True,
     "offset_learning": True,
     "response_watch": False,
+    "uncertainty": {"mass": "0.1"},
     "options": {"friction": "0.6"},
     "faults": ["Imu.RollRate=stuck@3:5", "front_left=weak:0.3@2"],
     "fault_file": Path("faults.toml"),

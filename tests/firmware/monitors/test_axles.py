@@ -24,14 +24,17 @@ AT_CENTRES = np.array([200.0, 350.0])
 BY_YAW = 300.0
 """Moment at the front axle by yaw acceleration, and that of the other sign at the rear, kg·m²."""
 SHARE = TYRES[0] / TYRES[1]
+OF_MOMENTS = 0.125
+"""Of the moments that may be reported wrongly."""
 
 
 def watched() -> fw.Calibration:
     """A calibration with the monitor on."""
     cal = rig.calibration(actuator=fw.BARS)
-    cal.response_ticks = 20
+    cal.axles_ticks = 20
     cal.response_pass = round(STEP / LOW_PASS * 2**30)
-    cal.response_wash = round(STEP * WASHOUT * 2**30)
+    cal.response_wash = [0, 0, round(STEP * WASHOUT * 2**30)]
+    cal.response_share[3] = round(OF_MOMENTS * 2**fw.Q_SHARE)
     scale = np.array([1.0, SHARE])
     stretch = scale * (SPRINGS + TYRES)
     cal.axles_min = round(LEAST * 2**fw.Q_MOMENT)
@@ -171,12 +174,25 @@ def test_on_a_road_that_is_too_rough_nothing_is_judged():
 def test_it_takes_so_many_samples_in_a_row_and_half_as_many_large_ones(size, samples):
     cal = watched()
     ecu = known(cal)
-    jump = np.zeros((cal.response_ticks + 40, 6))
+    jump = np.zeros((cal.axles_ticks + 40, 6))
     jump[20:, 2] = size
     bad = rig.bad_samples(
-        ecu, AXLES, cal.response_ticks, lambda sample: replay(ecu, cal, sample[None]), jump
+        ecu, AXLES, cal.axles_ticks, lambda sample: replay(ecu, cal, sample[None]), jump
     )
     assert bad == samples
+
+
+@pytest.mark.parametrize(("at_centres", "wrong"), [(0.0, 1), (300.0, 0)])
+def test_roll_centres_may_lie_elsewhere(at_centres, wrong):
+    cal = watched()
+    cal.axles_side = round(at_centres * 2**10)
+    ecu = known(cal)
+    curve = np.zeros((cal.axles_ticks + 60, 6))
+    curve[20:, 4] = 4.0
+    # a moment of the front axle that balances it but for 250 kg·m
+    curve[20:, 2] = 4.0 * (250.0 + AT_CENTRES[0] - SHARE * AT_CENTRES[1])
+    replay(ecu, cal, curve)
+    assert ecu.contradicted == [wrong, wrong]
 
 
 @pytest.mark.parametrize("compared", [0, 1])

@@ -9,31 +9,47 @@ from firmware import calibration as fw
 from firmware.monitors.balance import (
     AXLES,
     BODY,
+    BOTH,
+    DAMPERS,
+    HEAVE,
     LATERAL,
+    ONE_BALANCE,
     SPRINGS,
     at_once,
     leave_room,
     left_over,
+    mean_change,
+    share,
     start_balance,
 )
 
-PASS, WASH = 0.2, 0.0126
+PASS, QUICK, SLOW, OF_AXLES = 0.2, 0.05, 0.0008, 0.0126
 ONE = 2.0**fw.Q_MOMENT
 
 
 def watched() -> fw.Calibration:
-    """A calibration with both filters."""
+    """A calibration with all filters."""
     cal = rig.calibration()
-    cal.response_pass, cal.response_wash = round(PASS * 2**30), round(WASH * 2**30)
+    cal.response_pass = round(PASS * 2**30)
+    cal.response_wash = [round(wash * 2**30) for wash in (QUICK, SLOW, OF_AXLES)]
     return cal
 
 
 @pytest.mark.parametrize(
-    ("which", "wash"), [(BODY, WASH), (LATERAL, WASH / 16), (AXLES, WASH)], ids=str
+    ("which", "judged", "wash"),
+    [
+        (BODY, BOTH, QUICK),
+        (LATERAL, ONE_BALANCE, QUICK),
+        (LATERAL, BOTH, SLOW),
+        (HEAVE, ONE_BALANCE, SLOW),
+        (AXLES, BOTH, OF_AXLES),
+    ],
+    ids=str,
 )
-def test_what_is_left_is_washed_out_and_low_passed(which, wash):
+def test_what_is_left_is_washed_out_and_low_passed(which, judged, wash):
     cal = watched()
     ecu = rig.started(cal)
+    ecu.response_known = judged
     acting = 3000.0 * np.random.default_rng(5).standard_normal(400)
     acting[0] = 0.0
     start_balance(ecu, which, 0, 0)
@@ -79,3 +95,17 @@ def test_room_grows_at_once_and_fades():
         leave_room(ecu, BODY, size, 1 << 28)
         rooms.append(ecu.balance_room[BODY])
     assert rooms == [0, 1 << 20, 3 << 18, 9 << 16, 27 << 14]
+
+
+def test_the_mean_change_follows_that_of_an_input():
+    ecu = rig.started(watched())
+    random = np.random.default_rng(8)
+    values = 300.0 * random.standard_normal(6000)
+    for value in values:
+        mean = mean_change(ecu, DAMPERS, round(value * ONE))
+    # forgotten in 1024 samples; of normal noise a change is 2/sqrt(pi) deviations on average
+    assert mean / ONE == pytest.approx(300.0 * 2.0 / np.sqrt(np.pi), rel=0.05)
+
+
+def test_a_share_is_of_a_magnitude():
+    assert share(-3000, round(0.25 * 2**fw.Q_SHARE)) == share(3000, 1 << fw.Q_SHARE - 2) == 750

@@ -18,6 +18,7 @@ def watched(actuator: int = fw.BARS) -> fw.Calibration:
     cal = rig.calibration(actuator=actuator)
     cal.delivery_window, cal.delivery_samples = WINDOW, SAMPLES
     cal.delivery_min = 500 << fw.Q_MOMENT
+    cal.delivery_share = 1 << fw.Q_SHARE - 2
     cal.track_front = cal.track_rear = round(2**28 * 2 * HALF_TRACK)
     return cal
 

@@ -10,35 +10,50 @@ from firmware import calibration as fw
 from firmware.monitors import axles, balance, heave, response, rolling
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, Ecu
 
-PASS, WASH = 0.2, 0.0126
+PASS, QUICK, SLOW, OF_AXLES = 0.2, 0.05, 0.0008, 0.0126
 FADING = PASS / 8.0
 STROKE, STRETCH, ARM, INERTIA = (1800.0, 1300.0), 0.05, 595.0, 10_000.0
+SHARES = 0.4, 0.2, 0.15, 0.1, 0.3
+"""Of side force, springs, dampers, moments and inertia that may be wrong."""
+LIMIT_SHARES = 0.75, 0.25
+OF_FORCE, OF_MOMENTS, OF_SHOWN = (0.875, 0.01), 0.25, (0.625, 0.5)
+ROUGH = 900.0, 500.0
 AXLES_STRETCH, AXLES_DAMPING, AXLES_ROUGH = (900.0, 700.0), 2.5, 2.0
+AXLES_SIDE = 40.0
 REAR, AT_CENTRES, YAW = 1.2, -150.0, 4000.0
 HEAVE_STRETCH = (300.0, 250.0)
-TRACK, TYRES = (0.6, 0.65), 1.6e-4
+TRACK, ROLLING_SHARE, TYRES = (0.6, 0.65), 0.25, 4e-5
 PARTS = ("spring", "slow", "past", "room")
 TICKS = 300
 LEAST = 1.0
 """What a balance may always have left over, N·m."""
+CALM, CALM_TICKS = 16_000.0, 20
+"""The slow balances are judged once less is left for so many ticks, N·m."""
 NEVER = 1000
 """Ticks after which a monitor accuses: more than there are samples."""
 
 
 def watched() -> fw.Calibration:
-    """A calibration with all balances on, which finds nothing in time."""
+    """A calibration with all balances on, which finds no axle in time."""
     cal = rig.calibration(actuator=fw.BARS)
     cal.timeout_ticks[RX_SUSPENSION_RATE] = 5
     cal.response_min, cal.response_limit = round(LEAST * 2**fw.Q_MOMENT), 3 << fw.Q_ACCELERATION
-    cal.response_ticks = cal.rolling_ticks = cal.heave_ticks = NEVER
+    cal.response_ticks, cal.axles_ticks = CALM_TICKS, NEVER
+    cal.rolling_ticks = cal.heave_ticks = NEVER
+    cal.steady_min = round(2.0 * CALM * 2**fw.Q_MOMENT)
+    cal.response_share, cal.limit_share = shares(*SHARES), shares(*LIMIT_SHARES)
+    cal.steady_share, cal.lateral_share = shares(*OF_FORCE, OF_MOMENTS), shares(*OF_SHOWN)
+    cal.response_rough = [round(value * 2**10) for value in ROUGH]
     cal.response_stroke = [round(value * 2**10) for value in STROKE]
     cal.response_stretch = round(STRETCH * 2**30)
     cal.response_lateral, cal.response_inertia = round(ARM * 2**10), round(INERTIA * 2**10)
-    cal.response_pass, cal.response_wash = round(PASS * 2**30), round(WASH * 2**30)
+    cal.response_pass = round(PASS * 2**30)
+    cal.response_wash = [round(wash * 2**30) for wash in (QUICK, SLOW, OF_AXLES)]
     cal.axles_min, cal.axles_rest = 1 << fw.Q_MOMENT, 10_000 << fw.Q_MOMENT
     cal.axles_limit = 7 << fw.Q_ACCELERATION
     cal.axles_stretch = [round(value * 2**10) for value in AXLES_STRETCH]
     cal.axles_damping, cal.axles_rough = round(AXLES_DAMPING * 2**10), round(AXLES_ROUGH * 2**10)
+    cal.axles_side = round(AXLES_SIDE * 2**10)
     cal.axles_rear = round(REAR * 2**28)
     cal.axles_lateral, cal.axles_yaw = round(AT_CENTRES * 2**10), round(YAW * 2**10)
     cal.heave_min = 1 << fw.Q_MOMENT
@@ -46,7 +61,12 @@ def watched() -> fw.Calibration:
     cal.rolling_min = 1 << fw.Q_RATE - 4
     cal.rolling_track = [round(value * 2**28) for value in TRACK]
     cal.rolling_tyres = round(TYRES * 2**30)
+    cal.rolling_share = shares(ROLLING_SHARE)[0]
     return cal
+
+
+def shares(*values: float) -> list[int]:
+    return [round(value * 2**fw.Q_SHARE) for value in values]
 
 
 @dataclass(slots=True)
@@ -86,7 +106,7 @@ def samples() -> list[Sample]:
 class Balance:
     """A balance in float64."""
 
-    wash: float = WASH
+    wash: float = QUICK
     spring: float = 0.0
     slow: float = 0.0
     past: float = 0.0
@@ -110,22 +130,19 @@ class Balance:
         self.room = max(size, self.room * (1.0 - fading))
 
 
-def wrong_by(side_force: float, springs: float, actuators: float) -> float:
-    """What the model may be wrong by."""
-    return 3.0 / 8.0 * abs(side_force) + abs(springs) / 4.0 + abs(actuators) / 8.0
-
-
 @dataclass(slots=True)
 class Floats:
     """All balances in float64."""
 
     balances: list[Balance] = field(
         default_factory=lambda: [
-            Balance(WASH / 16.0 if which in (balance.LATERAL, balance.HEAVE) else WASH)
-            for which in range(10)
+            Balance({balance.HEAVE: SLOW, balance.AXLES: OF_AXLES}.get(which, QUICK))
+            for which in range(9)
         ]
     )
     known: bool = False
+    judged: bool = False
+    calm: int = 0
     size: float = 0.0
     changing: float = 0.0
     rates: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -138,42 +155,45 @@ class Floats:
         acting = damping - moment - side
         if not self.known:
             b[balance.SIDE_FORCE].start(side, 0.0)
-            b[balance.SIDE_FORCE].room = 4.0 * LEAST
             b[balance.SPRINGS].start(0.0, 0.0)
             b[balance.DAMPERS].start(damping, 0.0)
             b[balance.ACTUATORS].start(moment, 0.0)
             b[balance.BODY].start(0.0, momentum)
-            b[balance.JUMP].start(0.0, 0.0)
-            b[balance.BODY].room = b[balance.JUMP].room = abs(damping) + abs(moment) + abs(side)
             b[balance.LATERAL].start(acting, momentum)
             b[balance.STEADY].start(0.0, 0.0)
+            b[balance.DAMPERS].past = damping
+            b[balance.SPRINGS].room = 3.0 * ARM
         stretched = STRETCH * damping
-        shown = abs(b[balance.LATERAL].spring + damping - moment) + abs(damping)
+        bumps = [abs(abs(strokes[2 * n]) - abs(strokes[2 * n + 1])) * ROUGH[n] for n in range(2)]
+        changed = b[balance.DAMPERS].new(damping, 1.0)
+        b[balance.DAMPERS].room += (abs(changed) - b[balance.DAMPERS].room) / 1024.0
         slowly = b[balance.LATERAL].left_over(acting, momentum)
         b[balance.LATERAL].spring += stretched
-        b[balance.LATERAL].leave_room(0.625 * shown, FADING)
-        road = sum(abs(abs(strokes[2 * n]) - abs(strokes[2 * n + 1])) * STROKE[n] for n in range(2))
-        changed = b[balance.DAMPERS].new(damping, 1.0)
-        b[balance.DAMPERS].room += (16.0 * abs(changed) - b[balance.DAMPERS].room) / 1024.0
-        by_force = b[balance.STEADY].new(side, WASH / 16.0)
-        share = 7.0 / 8.0 if slowly * by_force > 0.0 else 1.0 / 2.0
-        wrong = share * abs(by_force) + abs(moment) / 4.0 + road / 2.0
-        b[balance.STEADY].leave_room(wrong, FADING)
-        parts = [balance.SIDE_FORCE, balance.SPRINGS, balance.ACTUATORS]
-        acts = [
-            b[part].left_over(by, 0.0) for part, by in zip(parts, [side, 0.0, moment], strict=True)
-        ]
-        damped = b[balance.DAMPERS].left_over(damping, 0.0)
+        by_force = b[balance.STEADY].new(side, b[balance.STEADY].wash)
+        if self.judged:
+            shown = slowly + by_force
+            share = OF_SHOWN[0] if slowly * shown > 0.0 else OF_SHOWN[1]
+            share += LIMIT_SHARES[1] if it.at_the_limit else 0.0
+            b[balance.LATERAL].leave_room(share * abs(shown), FADING)
+            share = OF_FORCE[0] if slowly * by_force > 0.0 else OF_FORCE[1]
+            wrong = share * abs(by_force) + OF_MOMENTS * abs(moment) + sum(bumps)
+            b[balance.STEADY].leave_room(wrong, FADING)
+        names = [balance.SIDE_FORCE, balance.SPRINGS, balance.DAMPERS, balance.ACTUATORS]
+        inputs = [side, 0.0, damping, moment]
+        parts = [b[name].left_over(by, 0.0) for name, by in zip(names, inputs, strict=True)]
         inertia = b[balance.BODY].left_over(0.0, momentum)
         b[balance.SPRINGS].spring += stretched
-        left = inertia + acts[1] + damped - acts[0] - acts[2]
-        of_limit = 0.75 * abs(inertia) + abs(acts[2]) / 4.0
-        besides = road / 2.0 + (of_limit if it.at_the_limit else 0.0)
-        b[balance.BODY].leave_room(wrong_by(*acts) + besides, FADING)
-        at_once = [b[part].new(value) for part, value in zip(parts, acts, strict=True)]
-        b[balance.JUMP].leave_room(wrong_by(*at_once) + besides, FADING)
-        b[balance.BODY].new(left)
-        b[balance.SIDE_FORCE].leave_room(0.0, 4.0 * WASH)
+        wrong = float(np.abs([*parts, inertia]) @ SHARES) + sum(bumps)
+        if it.at_the_limit:
+            wrong += float(np.abs([inertia, parts[3]]) @ LIMIT_SHARES)
+        b[balance.BODY].leave_room(wrong, FADING)
+        b[balance.SPRINGS].leave_room(0.0, QUICK)
+        left = inertia + parts[1] + parts[2] - parts[0] - parts[3]
+        calm = b[balance.BODY].room + abs(left) < CALM
+        self.calm = self.calm + 1 if calm else 0
+        if self.calm == CALM_TICKS and not self.judged:
+            self.judged = True
+            b[balance.LATERAL].wash = b[balance.STEADY].wash = SLOW
 
     def axles(self, it: Sample) -> None:
         its, strokes = self.balances[balance.AXLES], it.strokes
@@ -187,7 +207,8 @@ class Floats:
         its.left_over(acting, momentum)
         its.spring += stretched
         moments = abs(it.delivered[0]) + abs(rear)
-        its.leave_room(AXLES_ROUGH * abs(stretched) + moments / 8.0, WASH / 2.0)
+        wrong = AXLES_ROUGH * abs(stretched) + SHARES[3] * moments
+        its.leave_room(wrong + AXLES_SIDE * abs(it.lateral), OF_AXLES / 2.0)
 
     def heave(self, it: Sample) -> None:
         its, strokes = self.balances[balance.HEAVE], it.strokes
@@ -195,7 +216,7 @@ class Floats:
         moved = HEAVE_STRETCH[0] * (strokes[0] + strokes[1])
         moved += HEAVE_STRETCH[1] * (strokes[2] + strokes[3])
         its.spring += moved
-        its.room += (32.0 * abs(moved) - its.room) / 1024.0
+        its.room += (abs(its.new(moved, 1.0)) - its.room) / 1024.0
 
     def rolling(self, it: Sample) -> None:
         front = TRACK[0] * (it.strokes[0] - it.strokes[1])
@@ -207,7 +228,8 @@ class Floats:
         changed = moment - self.changing
         self.changing += PASS * changed
         faded = self.size * (1.0 - FADING)
-        self.size = max(faded, *np.abs(self.rates[1:]), abs(changed) * TYRES)
+        now = ROLLING_SHARE * np.abs(self.rates[1:]).max() + abs(changed) * TYRES
+        self.size = max(faded, now)
 
 
 def in_newton_metres(values: list[int]) -> np.ndarray:

@@ -17,14 +17,16 @@ LEAST = 1.2 * MASS
 RATES = np.array([38_000.0, 42_000.0])
 """Of one spring of the front and of the rear axle, N/m."""
 TICKS = 200
+OF_MEAN = 32.0
+"""Of the mean change of the springs' force that may be left over."""
 
 
 def watched() -> fw.Calibration:
     """A calibration with the monitor on."""
     cal = rig.calibration(actuator=fw.SUSPENSION)
-    cal.response_ticks = 20
     cal.response_pass = round(STEP / 0.05 * 2**30)
-    cal.response_wash = round(STEP * 1.26 * 2**30)
+    cal.response_wash = [0, round(STEP * 0.08 * 2**30), 0]
+    cal.heave_late = round(OF_MEAN * 2**10)
     cal.heave_min = round(LEAST * 2**fw.Q_MOMENT)
     cal.heave_ticks = TICKS
     cal.heave_stretch = [round(STEP * rate * 2**10) for rate in RATES]

@@ -18,6 +18,7 @@ def watched(**changes: int) -> fw.Calibration:
     """A calibration with the monitor on."""
     cal = rig.calibration(**changes)
     cal.redundancy_min = round(2.4 * ACCELERATION)
+    cal.redundancy_share = 1 << fw.Q_SHARE - 1
     cal.redundancy_limit = round(5.0 * ACCELERATION)
     cal.opposite_min = round(1.5 * ACCELERATION)
     cal.apart_samples, cal.opposite_samples, cal.bound_samples = APART, OPPOSITE, BOUND

@@ -29,7 +29,8 @@ def watched() -> fw.Calibration:
     cal.rolling_min = round(LEAST * 2**fw.Q_RATE)
     cal.rolling_ticks = TICKS
     cal.axles_limit = 10 << fw.Q_ACCELERATION
-    cal.rolling_tyres = round(4.0 / (0.05 * TYRES) * 2**30)
+    cal.rolling_share = round(0.25 * 2**fw.Q_SHARE)
+    cal.rolling_tyres = round(1.0 / (0.05 * TYRES) * 2**30)
     cal.rolling_track = [round(1.0 / track * 2**28) for track in TRACKS]
     return cal
 

@@ -1,0 +1,212 @@
+"""Calibration of the monitors by the suspension: of moments, lateral acceleration and roll rate.
+
+What is left over of their balances, what of it noise and the stated uncertainties explain, and for
+how long: the residuals of :mod:`gain_gen.monitors.residuals`, in fixed point.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from math import ceil, pi
+
+from firmware import calibration as fw
+from gain_gen.calibration.rows import quantise
+from gain_gen.models.task import Task
+from gain_gen.monitors.bank import LOW_PASS, Residual, ticks_of
+from gain_gen.monitors.linear_car import axle_forces, car_of, effective_inertia, rolled
+from gain_gen.monitors.noise import late
+from gain_gen.monitors.residuals import AXLES, FAST, HEAVE_TIME, SLOW, bank_of
+from gain_gen.monitors.shares import of_lateral, of_moments
+from gain_gen.monitors.uncertainty import NOMINAL, Uncertainty, vertices
+from vehicles import Vehicle
+from vehicles.roll_stiffness import suspension_roll_stiffness
+
+Fields = dict[str, int | list[int]]
+
+RESPONSE_LINEAR = 10.0
+"""Lateral acceleration by yaw rate or steering, m/s², beyond which wheels lift and stops are
+reached."""
+LIMIT_SHARE = 0.75, 0.25
+"""Of what the inertia takes and of the moments besides there: chosen from runs at the limit."""
+AXLES_REST = 0.003
+"""The axles are not judged where a rough road and wrong moments may leave over more, rad."""
+
+
+def unwatched(vehicle: Vehicle) -> str:
+    """Return why the moments on the body cannot be watched in fixed point; "" if they can.
+
+    The largest is the momentum over the low-pass of a body that swings, at its natural frequency,
+    by the steady roll at the largest lateral acceleration that is judged.
+    """
+    roll = vehicle.design
+    swing = roll.natural_frequency * roll.roll_arm * RESPONSE_LINEAR / roll.effective_stiffness
+    largest = max(roll.roll_arm * RESPONSE_LINEAR, roll.roll_inertia * swing / LOW_PASS)
+    limit = fw.STATE_MAX * 2.0**-fw.Q_MOMENT
+    if largest <= limit:
+        return ""
+    return (
+        f"the moments of a body with design.roll_inertia {roll.roll_inertia:g} kg·m² reach "
+        f"{1e-3 * largest:.0f} kN·m in the balance, above the {1e-3 * limit:.1f} kN·m of its "
+        "fixed-point format"
+    )
+
+
+def response_fields(task: Task, box: Uncertainty) -> Fields:
+    """Return the fields of the monitors by the suspension, for what is not known of the car.
+
+    Springs and dampers of both axles count by the springs' shares, with one time constant.
+
+    Raises:
+        CanrollError: a coefficient is outside its field's range; the message names it.
+    """
+    # whether the roll rate is received the firmware sees; the numbers are those of a loop with it
+    bank = bank_of(replace(task, observer="two_sensors"), box, suspension=True, moments=True)
+    residuals = {residual.name: residual for residual in bank.residuals}
+    fields = (
+        _rolling(task, box, (residuals["gyro, front"], residuals["gyro, rear"]))
+        | _body(task, box, residuals["body, fast"], residuals["body, slow"])
+        | _model(task.vehicle, task.tick)
+        | _axles(task, box, residuals["axles"])
+    )
+    return fields | _heave(task, box, residuals.get("heave"))
+
+
+def coefficient(value: float, name: str) -> int:
+    """Return a coefficient with 10 fractional bits."""
+    return quantise(value, 10, -fw.COEFFICIENT, fw.COEFFICIENT, name=name)
+
+
+def shares(values: Iterable[float], name: str) -> list[int]:
+    """Return shares in their format, rounded up."""
+    unit = 2.0**fw.Q_SHARE
+    return [
+        quantise(ceil(value * unit) / unit, fw.Q_SHARE, 0, fw.SHARE_MAX, name=name)
+        for value in values
+    ]
+
+
+def moment(value: float) -> int:
+    """Return a moment or force in its format, at most half the range."""
+    return min(round(value * 2.0**fw.Q_MOMENT), fw.STATE_MAX // 2)
+
+
+def acceleration(value: float) -> int:
+    """Return an acceleration in its format, at most the range."""
+    return min(round(value * 2.0**fw.Q_ACCELERATION), fw.STATE_MAX)
+
+
+def washout(corner: float, tick: float) -> int:
+    """Return the share that goes per tick with a washout's corner in Hz."""
+    return round(2.0 * pi * corner * tick * fw.ONE)
+
+
+def _rolling(task: Task, box: Uncertainty, gyro: tuple[Residual, Residual]) -> Fields:
+    """Return the fields of the rolling monitor."""
+    car = car_of(task.vehicle)
+    largest = max(residual.floor for residual in gyro) / task.vehicle.design.roll_damping
+    differs = max(
+        abs(rolled(car, axle, factors) - 1.0)
+        for axle in range(2)
+        for factors in vertices(box, ("tyre", "stiffness"))
+    )
+    on_tyres = 1.0 / (LOW_PASS * sum(car.tyres))
+    return {
+        "rolling_min": round(largest * 2.0**fw.Q_RATE),
+        "rolling_ticks": ticks_of(gyro[0].time, task.tick),
+        "rolling_track": [
+            quantise(1.0 / track, 28, 0, 4 << 28, name="rolling_track") for track in car.tracks
+        ],
+        "rolling_share": shares([differs], "rolling_share")[0],
+        "rolling_tyres": quantise(on_tyres, 30, 0, fw.ONE, name="rolling_tyres"),
+    }
+
+
+def _body(task: Task, box: Uncertainty, fast: Residual, slow: Residual) -> Fields:
+    """Return what the balances of the body may have left over, and for how long."""
+    weights = {term.part.removesuffix(", fast"): term.weight for term in fast.terms}
+    parts = [weights[name] for name in ("side", "springs", "dampers", "moments", "momentum")]
+    roll, ticks = task.vehicle.design, ticks_of(fast.time, task.tick)
+    # of the springs' change by samples that are lost, by that of the dampers' moment
+    by_damping = suspension_roll_stiffness(task.vehicle) / roll.roll_damping
+    return {
+        "response_min": moment(fast.floor),
+        "response_share": shares(parts, "response_share"),
+        "response_late": [
+            coefficient(by_damping * late(box, task.tick, corner), "response_late")
+            for corner in (FAST, SLOW)
+        ],
+        "response_limit": acceleration(RESPONSE_LINEAR),
+        "limit_share": shares(LIMIT_SHARE, "limit_share"),
+        "response_ticks": ticks,
+        "response_wash": [washout(corner, task.tick) for corner in (FAST, SLOW, AXLES)],
+        # the start may be wrong by half of it: where no more is left, it is judged
+        "steady_min": moment(2.0 * slow.floor),
+        "steady_share": shares(of_moments(box), "steady_share"),
+        "lateral_share": shares(of_lateral(box), "lateral_share"),
+    }
+
+
+def _model(vehicle: Vehicle, tick: float) -> Fields:
+    """Return the fields of the balance of moments on the body."""
+    car, roll = car_of(vehicle), vehicle.design
+    ratio = vehicle.suspension.rebound_bump_ratio
+    strokes = [
+        share * roll.roll_damping / track
+        for share, track in zip(car.shares, car.tracks, strict=True)
+    ]
+    stretch = tick * car.stiffness / roll.roll_damping
+    inertia = effective_inertia(car, NOMINAL)
+    return {
+        "response_stroke": [coefficient(value, "response_stroke") for value in strokes],
+        "response_rough": [
+            coefficient(abs(ratio - 1.0) / (ratio + 1.0) * value, "response_rough")
+            for value in strokes
+        ],
+        "response_stretch": quantise(stretch, 30, 0, fw.ONE, name="response_stretch"),
+        "response_lateral": coefficient(roll.roll_arm, "response_lateral"),
+        "response_inertia": coefficient(inertia / LOW_PASS, "response_inertia"),
+        "response_pass": round(tick / LOW_PASS * fw.ONE),
+    }
+
+
+def _axles(task: Task, box: Uncertainty, residual: Residual) -> Fields:
+    """Return the fields of the axles monitor: moments of the rear as of the front axle's tyres."""
+    car = car_of(task.vehicle)
+    scale, tyres = car.scale, car.tyres
+    springs = [
+        factor * (share * car.stiffness + tyre)
+        for factor, share, tyre in zip(scale, car.shares, tyres, strict=True)
+    ]
+    damping = car.dampers[0] + scale[1] * car.dampers[1]
+    lateral, yaw, carried = axle_forces(task.vehicle, scale)
+    return {
+        "axles_ticks": ticks_of(residual.time, task.tick),
+        "axles_min": moment(residual.floor),
+        "axles_rest": moment(AXLES_REST * tyres[0]),
+        "axles_limit": acceleration(residual.limit),
+        "axles_stretch": [
+            coefficient(task.tick * stiffness / track, "axles_stretch")
+            for stiffness, track in zip(springs, car.tracks, strict=True)
+        ],
+        "axles_damping": coefficient(damping / sum(springs) / task.tick, "axles_damping"),
+        "axles_side": coefficient(
+            box.mass * abs(lateral) + box.roll_centre * carried, "axles_side"
+        ),
+        "axles_rough": coefficient(box.bump / task.tick, "axles_rough"),
+        "axles_rear": quantise(scale[1], 28, 0, 4 << 28, name="axles_rear"),
+        "axles_lateral": coefficient(lateral, "axles_lateral"),
+        "axles_yaw": coefficient(yaw / LOW_PASS, "axles_yaw"),
+    }
+
+
+def _heave(task: Task, box: Uncertainty, residual: Residual | None) -> Fields:
+    """Return the fields of the heave monitor, of corner forces alone: a bar lifts nothing."""
+    suspension = task.vehicle.suspension
+    return {
+        "heave_min": 0 if residual is None else moment(residual.floor),
+        "heave_late": coefficient(late(box, task.tick, SLOW) / task.tick, "heave_late"),
+        "heave_ticks": ticks_of(HEAVE_TIME, task.tick),
+        "heave_stretch": [
+            coefficient(task.tick * rate, "heave_stretch")
+            for rate in (suspension.spring_rate_front, suspension.spring_rate_rear)
+        ],
+    }

@@ -1,0 +1,45 @@
+"""What the slow balance of the body may have left over, as shares: the largest over the box.
+
+Springs that bear what acts show K, moments M are reported, m h a_y = L is measured. Of a car with
+μ times the nominal mass and height, κ times the stiffness and moments of m times the reported ones
+κ K = μ L + m M. A law's moments oppose the lateral force and are no larger.
+"""
+
+from collections.abc import Iterator
+
+from gain_gen.monitors.uncertainty import Uncertainty, vertices
+
+Corner = tuple[float, float, float]
+
+
+def corners(box: Uncertainty) -> Iterator[Corner]:
+    """Yield μ, κ and m at the corners of the box."""
+    for factors in vertices(box, ("mass", "height", "stiffness")):
+        for moment in (1.0 - box.moment, 1.0 + box.moment):
+            yield factors.mass * factors.height, factors.stiffness, moment
+
+
+def of_moments(box: Uncertainty) -> tuple[float, float, float]:
+    """Return the shares where it judges the moments by the lateral force.
+
+    K − L − M = (μ/κ − 1) L + (m/κ − 1) M: of L where that is to the side of L and where it is to
+    the other, and of M.
+    """
+    own = max(mu / kappa for mu, kappa, _ in corners(box)) - 1.0
+    other = 1.0 - min(mu / kappa for mu, kappa, _ in corners(box))
+    # with M = −L, the largest there is
+    besides = max(
+        max((mu - moment) / kappa - own, (moment - mu) / kappa - other)
+        for mu, kappa, moment in corners(box)
+    )
+    return own, other, max(0.0, besides)
+
+
+def of_lateral(box: Uncertainty) -> tuple[float, float]:
+    """Return the shares where it judges the lateral acceleration by what the body shows.
+
+    K − M − L of K − M: to its side and to the other. (1 − κ/μ) without moments, (1 − m/μ) with
+    M = −L are the ends.
+    """
+    ends = [1.0 - factor / mu for mu, kappa, moment in corners(box) for factor in (kappa, moment)]
+    return max(ends), -min(ends)
