@@ -10,6 +10,9 @@ from canroll.errors import CanrollError
 from vehicles.axles import Axle, axles
 from vehicles.model import GRAVITY, Vehicle
 
+BELOW = 1.0 - 1e-12
+"""Share of what is permitted that rounding cannot make more than that."""
+
 
 def axle_roll_shares(vehicle: Vehicle) -> tuple[float, float]:
     """Front and rear share of the suspension's roll stiffness."""
@@ -99,7 +102,7 @@ def springs_within(vehicle: Vehicle) -> Vehicle:
     stiffness = suspension_roll_stiffness(vehicle)
     rates = tuple(axle.spring for axle in axles(vehicle))
     front, rear = (
-        min(axle.spring, axle.roll_share * stiffness / (2 * axle.half_track**2))
+        min(axle.spring, BELOW * axle.roll_share * stiffness / (2 * axle.half_track**2))
         for axle in axles(vehicle)
     )
     if (front, rear) == rates:

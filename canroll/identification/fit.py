@@ -16,8 +16,8 @@ from canroll.identification.drive_log import Log
 from canroll.identification.information import IDENTIFIED, Information, information, together
 from canroll.identification.log_checks import check
 from canroll.identification.output_error import (
-    How,
     Model,
+    Simulator,
     driver,
     refined,
     search,
@@ -78,7 +78,7 @@ class FittedNumber:
     @property
     def learnt(self) -> float:
         """How much smaller the deviation is than the prior's, 0 to 1."""
-        return max(1.0 - self.deviation / self.unknown.deviation, 0.0)
+        return max(1.0 - self.deviation / self.unknown.slope(self.value), 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,23 +186,24 @@ def fit(
         progress("steps of the search", rounds / (rounds + 10))
 
     with engine(LOCAL, settings.jobs) as where:
-        how = How(driver(model, where), report)
-        points = [searched(model, x, how) for x in starts(model, settings.starts, settings.seed)]
+        simulator = Simulator(model, driver(model, where), report)
+        points = [searched(simulator, x) for x in starts(model, settings.starts, settings.seed)]
         minima = tuple(point.cost for point in points)
-        point = refined(model, min(points, key=lambda point: point.cost), how)
-        felt = information(model, point, how).felt
+        point = refined(simulator, min(points, key=lambda point: point.cost))
+        felt = information(simulator, point).felt
         if not any(f and not unknown.of_log for f, unknown in zip(felt, sought, strict=True)):
             raise CanrollError(
                 f"{log.name}: it says nothing of the car beyond what {vehicle.name} has: drive "
                 "with more steering"
             )
-        point = search(model, replace(point, x=_held(model, point.x, felt)), felt, how)
-        content = information(model, point, how)
+        point = search(simulator, replace(point, x=_held(model, point.x, felt)), felt)
+        content = information(simulator, point)
     progress("steps of the search", 1.0)
     covariance = content.covariance(felt)
     numbers = tuple(_numbers(model, point.x, covariance, felt))
     name = Path(log.name).name
-    scale = np.outer(model.deviation, model.deviation)
+    slopes = np.array([number.unknown.slope(number.value) for number in numbers])
+    scaled = covariance * np.outer(slopes, slopes)
     remarks += tuple(_strange(numbers, minima))
     of_car = np.array([not unknown.of_log for unknown in sought])
     labels = [unknown.label for unknown in sought if not unknown.of_log]
@@ -210,9 +211,9 @@ def fit(
     return Fit(
         log=name,
         start=vehicle,
-        vehicle=fitted(vehicle, numbers, covariance * scale, name),
+        vehicle=fitted(vehicle, numbers, scaled, name),
         numbers=numbers,
-        covariance=covariance * scale,
+        covariance=scaled,
         information=content,
         pairs=tuple(together(covariance[np.ix_(of_car, of_car)], labels)),
         seconds=float(model.compared.any(axis=1).sum() * SAMPLE),
@@ -242,14 +243,9 @@ def _numbers(
     numbers = []
     for i, unknown in enumerate(model.unknowns):
         state = "identified" if covariance[i, i] < IDENTIFIED else "together"
-        numbers.append(
-            FittedNumber(
-                unknown,
-                unknown.mean + unknown.deviation * float(x[i]),
-                unknown.deviation * float(np.sqrt(covariance[i, i])),
-                state if felt[i] else "kept",
-            )
-        )
+        value = unknown.value(float(x[i]))
+        deviation = unknown.slope(value) * float(np.sqrt(covariance[i, i]))
+        numbers.append(FittedNumber(unknown, value, deviation, state if felt[i] else "kept"))
     return numbers
 
 
@@ -257,7 +253,7 @@ def _strange(numbers: tuple[FittedNumber, ...], minima: tuple[float, ...]) -> li
     remarks = []
     for number in numbers:
         unknown = number.unknown
-        away = (number.value - unknown.mean) / unknown.deviation
+        away = unknown.coordinate(number.value)
         if abs(away) > SURPRISING and not unknown.of_log:
             remarks.append(
                 f"{unknown.label}: {number.value:.3g} {unknown.unit} is {abs(away):.1f} deviations "

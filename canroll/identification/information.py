@@ -1,6 +1,6 @@
 """What a log tells: Fisher information beside the priors, covariance, and what stays a guess.
 
-All in deviations from the means of the priors: x = (number − mean) / deviation.
+All in coordinates of the unknowns, of which the priors are standard normal and independent.
 """
 
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.identification.colour import score_covariance
-from canroll.identification.output_error import How, Model, Point, residuals
+from canroll.identification.output_error import Point, Simulator
 from canroll.typing import Vector
 
 IDENTIFIED = 0.5
@@ -74,14 +74,10 @@ class Information:
         return result
 
 
-def information(model: Model, point: Point, how: How) -> Information:
+def information(simulator: Simulator, point: Point) -> Information:
     """Return the information at a point at which a search has ended."""
-    simulated = model.simulated(point.x)
-    assert simulated is not None  # the search has ended there
-    compared, errors = model.compared, residuals(model, simulated)
-    slopes = model.slopes(point.x, how.drive)
-    slopes[~compared] = 0.0
-    scaled = slopes / point.scale[:, None]
+    errors, compared = simulator.residuals(point.x), simulator.model.compared
+    scaled = simulator.slopes(point.x) / point.scale[:, None]
     flat = scaled.reshape(-1, point.x.size)
     scores = score_covariance(scaled / point.scale[:, None], errors, compared)
     fisher = flat.T @ flat

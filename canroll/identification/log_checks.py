@@ -61,45 +61,45 @@ def check(log: Log, model: Model) -> None:
     Raises:
         CanrollError: no excitation, or slips: one line with the remedy of each.
     """
-    steering, speed = (
-        np.concatenate([getattr(piece, name) for piece in model.pieces])
-        for name in ("steering", "speed")
-    )
-    signals = {name: model.measured[:, i] for i, name in enumerate(model.names)}
     there = model.compared.all(axis=1)
     if there.sum() * SAMPLE < 1.0:
         raise CanrollError(f"{log.name}: less than 1 s that has all signals and counts")
-    lateral = signals["lateral_acceleration"][there]
-    if np.std(lateral) < LEAST_ACCELERATION:
+    # before the excitation, which a slip may hide
+    if named := slips(log, model):
+        raise CanrollError(f"{log.name}: {'; '.join(named)}")
+    lateral = np.std(_signals(model)["lateral_acceleration"])
+    if lateral < LEAST_ACCELERATION:
         raise CanrollError(
-            f"{log.name}: no excitation: lateral acceleration of {np.std(lateral):.2g} m/s² RMS "
+            f"{log.name}: no excitation: lateral acceleration of {lateral:.2g} m/s² RMS "
             f"tells nothing of the car; {LEAST_ACCELERATION:g} are needed: steer, or choose "
             "another part by --from and --to"
         )
-    signals = {name: values[there] for name, values in signals.items()}
-    signals |= {"steering": steering[there], "speed": speed[there]}
-    slip = _kinematic(log, model.vehicle, signals)
-    if slip is not None:
-        raise CanrollError(f"{log.name}: {_remedy(log, slip)}")
-    rolling = list(_rolling(log, model))
-    if rolling:
-        raise CanrollError(f"{log.name}: {'; '.join(rolling)}")
 
 
 def slips(log: Log, model: Model) -> tuple[str, ...]:
-    """Return in words, each with its remedy, what :func:`check` refuses; none if it is right.
+    """Return the slips in words, each with its remedy; none if the log is right.
 
-    Of a log whose lateral acceleration does not vary, as on a circle, nothing can be said.
+    Of a log in which neither lateral acceleration nor yaw rate varies, as on a circle, nothing can
+    be said.
+
+    Raises:
+        CanrollError: the car of the start cannot be driven as in the log.
     """
-    lateral = model.measured[:, model.names.index("lateral_acceleration")]
-    there = model.compared.all(axis=1)
-    if not there.any() or np.std(lateral[there]) < LEAST_ACCELERATION:
+    signals = _signals(model)
+    accelerations = signals["lateral_acceleration"], signals["speed"] * signals["yaw_rate"]
+    if not signals["speed"].size or max(map(np.std, accelerations)) < LEAST_ACCELERATION:
         return ()
-    try:
-        check(log, model)
-    except CanrollError as error:
-        return (str(error).removeprefix(f"{log.name}: "),)
-    return ()
+    kinematic = _kinematic(log, model.vehicle, signals)
+    return tuple(_rolling(log, model)) if kinematic is None else (kinematic,)
+
+
+def _signals(model: Model) -> dict[str, Vector]:
+    """Return inputs and signals where all are compared."""
+    there = model.compared.all(axis=1)
+    signals = {name: model.measured[:, i] for i, name in enumerate(model.names)}
+    for name in ("steering", "speed"):
+        signals[name] = np.concatenate([getattr(piece, name) for piece in model.pieces])
+    return {name: values[there] for name, values in signals.items()}
 
 
 def _remedy(log: Log, slip: _Slip) -> str:
@@ -145,12 +145,8 @@ def _far(gains: list[tuple[float, float]]) -> float:
     return sum(abs(natural(slope)) for slope, _ in gains)
 
 
-def _kinematic(log: Log, vehicle: Vehicle, signals: Mapping[str, Vector]) -> _Slip | None:
-    """Return the slip that explains the signals best; None if they agree.
-
-    Raises:
-        CanrollError: none does.
-    """
+def _kinematic(log: Log, vehicle: Vehicle, signals: Mapping[str, Vector]) -> str | None:
+    """Return in words the slip that explains the signals best; None if they agree."""
     gains = _gains(vehicle, signals)
     for (_, correlation), what in zip(
         gains,
@@ -158,24 +154,24 @@ def _kinematic(log: Log, vehicle: Vehicle, signals: Mapping[str, Vector]) -> _Sl
         strict=True,
     ):
         if abs(correlation) < RELATED:
-            raise CanrollError(
-                f"{log.name}: {what} have a correlation of {correlation:.2f}: they are not of one "
+            return (
+                f"{what} have a correlation of {correlation:.2f}: they are not of one "
                 "drive, or one of their names is wrong"
             )
     if _far(gains) < NEAR:
         return None
-    best, least = None, inf
+    best, least = None, NEAR
     for slip in _slips(vehicle.steering.ratio):
         corrected = {**signals, slip.signal: signals[slip.signal] / slip.factor}
         if (far := _far(_gains(vehicle, corrected))) < least:
             best, least = slip, far
-    if least < NEAR:
-        return best
+    if best is not None:
+        return _remedy(log, best)
     (kinematic, _), (turning, _) = gains
     if kinematic > 0.0 and abs(natural(kinematic)) < SAME and _far(gains) < 2 * NEAR:
         return None  # a car that is unlike the one at the start
-    raise CanrollError(
-        f"{log.name}: lateral acceleration is {kinematic:.3g} times speed × yaw rate, and yaw rate "
+    return (
+        f"lateral acceleration is {kinematic:.3g} times speed × yaw rate, and yaw rate "
         f"{turning:.3g} times what the steering gives: check units and signs by --signal"
     )
 
@@ -202,10 +198,12 @@ def _rolling(log: Log, model: Model) -> Iterator[str]:
         unit, words = "", []
         if correlation < 0.0:
             words.append(f"its sign is reversed (correlation {correlation:.2f} with the car's)")
-        if abs(natural(size / factor)) < NEAR:
+        # nearer to the wrong unit than to the right one
+        units_away = natural(size) / natural(factor)
+        if units_away > 0.5:
             unit = large
             words.append(f"{factor:.0f} times too large")
-        elif abs(natural(size * factor)) < NEAR:
+        elif units_away < -0.5:
             unit = small
             words.append(f"{factor:.0f} times too small")
         if words:

@@ -30,6 +30,8 @@ IMPOSSIBLE = 1e3
 """Residual, in standard deviations, where no car can have the numbers, or it rolls over."""
 FIRST_NOISE = 0.1
 """Residual of a signal in its own standard deviation that the first pass assumes."""
+ROUNDING = 1e-12
+"""Distance of points that are the same."""
 EVALUATIONS = 30
 SETTLED = 0.05
 """A search ends where a step lowers the cost by less: no number moves by a third of its deviation.
@@ -61,21 +63,11 @@ class Model:
         return self.pieces[0].names
 
     @property
-    def mean(self) -> Vector:
-        """Means of the priors."""
-        return np.array([unknown.mean for unknown in self.unknowns])
-
-    @property
-    def deviation(self) -> Vector:
-        """Standard deviations of the priors."""
-        return np.array([unknown.deviation for unknown in self.unknowns])
-
-    @property
     def bounds(self) -> tuple[Vector, Vector]:
-        """Bounds of the unknowns in deviations from their means."""
-        least = np.array([unknown.least for unknown in self.unknowns])
-        most = np.array([unknown.most for unknown in self.unknowns])
-        return (least - self.mean) / self.deviation, (most - self.mean) / self.deviation
+        """Bounds of the unknowns' coordinates."""
+        least = np.array([unknown.coordinate(unknown.least) for unknown in self.unknowns])
+        most = np.array([unknown.coordinate(unknown.most) for unknown in self.unknowns])
+        return least, most
 
     @property
     def measured(self) -> NDArray[np.float64]:
@@ -88,9 +80,8 @@ class Model:
         return np.concatenate([piece.compared(self.window) for piece in self.pieces])
 
     def values(self, x: Vector) -> dict[str, float]:
-        """Return the numbers at ``x``, by key."""
-        numbers = self.mean + self.deviation * x
-        return dict(zip((u.key for u in self.unknowns), numbers.tolist(), strict=True))
+        """Return the numbers at the coordinates ``x``, by key."""
+        return {u.key: u.value(at) for u, at in zip(self.unknowns, x.tolist(), strict=True)}
 
     def motions(self, x: Vector) -> list[NDArray[np.float64]] | None:
         """Return the records of all pieces; None where no car can have the numbers."""
@@ -128,35 +119,6 @@ class Model:
         records = self.motions(x)
         return None if records is None else self.observed(x, records)
 
-    def slopes(self, x: Vector, drive: Drive | None = None) -> Slopes:
-        """Return the derivatives of the simulated signals, (n, m, p), by differences.
-
-        A delay or offset of a signal needs no new drive. ``drive``: returns the simulated signals
-        at several points, by default one after the other.
-        """
-        records = self.motions(x)
-        assert records is not None  # the search stands nowhere else
-        here = self.observed(x, records)
-        result = np.zeros((*here.shape, x.size))
-        drives = []
-        for i, unknown in enumerate(self.unknowns):
-            if unknown.of_log and unknown.key != STEERING_OFFSET:
-                there = self.observed(_moved(x, i, DIFFERENCE), records)
-                result[:, :, i] = (there - here) / DIFFERENCE
-            else:
-                drives.append(i)
-        several = drive or (lambda points: [self.simulated(point) for point in points])
-        for i, ahead in zip(
-            drives, several([_moved(x, i, DIFFERENCE) for i in drives]), strict=True
-        ):
-            if ahead is not None:
-                result[:, :, i] = (ahead - here) / DIFFERENCE
-                continue
-            behind = self.simulated(_moved(x, i, -DIFFERENCE))
-            if behind is not None:
-                result[:, :, i] = (here - behind) / DIFFERENCE
-        return result
-
 
 def _moved(x: Vector, i: int, step: float) -> Vector:
     moved = x.copy()
@@ -180,12 +142,75 @@ def simulated_at(model: Model, x: Vector) -> NDArray[np.float64] | None:
     return model.simulated(x)
 
 
-@dataclass(frozen=True, slots=True)
-class How:
-    """What drives a model at several points, and what is called after every step of a search."""
+class Simulator:
+    """Simulated signals of a model and their derivatives; those at the last point are kept.
 
-    drive: Drive | None = None
-    report: Callable[[], None] = lambda: None
+    Args:
+        model: the model.
+        drive: what drives it at several points, by default one after the other.
+        report: called after derivatives are formed.
+    """
+
+    def __init__(
+        self, model: Model, drive: Drive | None = None, report: Callable[[], None] = lambda: None
+    ) -> None:
+        self.model, self._report = model, report
+        self._drive = drive or (lambda points: [model.simulated(point) for point in points])
+        self._at: tuple[Vector, list[NDArray[np.float64]] | None] | None = None
+        self._slopes: tuple[Vector, NDArray[np.float64], Slopes] | None = None
+
+    def signals(self, x: Vector) -> NDArray[np.float64] | None:
+        """Return the signals at ``x``, (n, m); None where no car can have the numbers."""
+        if self._slopes is not None and _same(self._slopes[0], x):
+            return self._slopes[1]
+        records = self._records(x)
+        return None if records is None else self.model.observed(x, records)
+
+    def _records(self, x: Vector) -> list[NDArray[np.float64]] | None:
+        if self._at is None or not _same(self._at[0], x):
+            self._at = x.copy(), self.model.motions(x)
+        return self._at[1]
+
+    def residuals(self, x: Vector) -> NDArray[np.float64]:
+        """Return simulated minus measured, (n, m), 0 where nothing is compared."""
+        simulated = self.signals(x)
+        assert simulated is not None  # where a search has ended
+        return residuals(self.model, simulated)
+
+    def slopes(self, x: Vector) -> Slopes:
+        """Return the derivatives of the signals, (n, m, p), by differences; 0 where not compared.
+
+        A delay or offset of a signal needs no new drive.
+        """
+        if self._slopes is not None and _same(self._slopes[0], x):
+            return self._slopes[2]
+        model, records = self.model, self._records(x)
+        assert records is not None  # the search stands nowhere else
+        here = model.observed(x, records)
+        result, drives = np.zeros((*here.shape, x.size)), []
+        for i, unknown in enumerate(model.unknowns):
+            if unknown.of_log and unknown.key != STEERING_OFFSET:
+                there = model.observed(_moved(x, i, DIFFERENCE), records)
+                result[:, :, i] = (there - here) / DIFFERENCE
+            else:
+                drives.append(i)
+        moved = [_moved(x, i, DIFFERENCE) for i in drives]
+        for i, ahead in zip(drives, self._drive(moved), strict=True):
+            if ahead is not None:
+                result[:, :, i] = (ahead - here) / DIFFERENCE
+                continue
+            behind = model.simulated(_moved(x, i, -DIFFERENCE))
+            if behind is not None:
+                result[:, :, i] = (here - behind) / DIFFERENCE
+        result[~model.compared] = 0.0
+        self._slopes = x.copy(), here, result
+        self._report()
+        return result
+
+
+def _same(x: Vector, other: Vector) -> bool:
+    """Whether two points are one, but for rounding."""
+    return bool(np.abs(x - other).max() < ROUNDING)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,7 +218,7 @@ class Point:
     """Where a search has ended.
 
     Attributes:
-        x: unknowns in deviations from the means of their priors.
+        x: coordinates of the unknowns.
         cost: half the sum of squares there.
         scale: residual of each signal that counts as one (m), √τ times its RMS.
     """
@@ -215,19 +240,14 @@ def residuals(model: Model, simulated: NDArray[np.float64]) -> NDArray[np.float6
     return np.where(compared, simulated - np.where(compared, model.measured, 0.0), 0.0)
 
 
-def rms(model: Model, errors: NDArray[np.float64]) -> Vector:
-    """Return the RMS of each signal's residuals."""
-    return np.asarray(np.sqrt((errors**2).sum(axis=0) / np.maximum(model.compared.sum(axis=0), 1)))
-
-
 def search(
-    model: Model, begin: Point, free: NDArray[np.bool_], how: How, least: float = SETTLED
+    simulator: Simulator, begin: Point, free: NDArray[np.bool_], least: float = SETTLED
 ) -> Point:
     """Search from a point, with its scale, for the ``free`` unknowns; the others stay there.
 
     It ends where a step lowers the cost by less than ``least``.
     """
-    x, scale = begin.x, begin.scale
+    model, x, scale = simulator.model, begin.x, begin.scale
     count = model.compared.size
 
     # the first trust region is as large as the start: by this shift a deviation of each unknown
@@ -237,15 +257,13 @@ def search(
         return whole
 
     def weighted(part: Vector) -> Vector:
-        simulated = model.simulated(full(part))
+        simulated = simulator.signals(full(part))
         if simulated is None:
             return np.concatenate((np.full(count, IMPOSSIBLE), part - 1.0))
         return np.concatenate(((residuals(model, simulated) / scale).ravel(), part - 1.0))
 
     def slopes(part: Vector) -> NDArray[np.float64]:
-        derivatives = model.slopes(full(part), how.drive)[:, :, free] / scale[:, None]
-        derivatives[~model.compared] = 0.0
-        how.report()
+        derivatives = simulator.slopes(full(part))[:, :, free] / scale[:, None]
         return np.concatenate((derivatives.reshape(count, -1), np.eye(part.size)))
 
     low, high = model.bounds
@@ -262,7 +280,7 @@ def search(
     return Point(full(solved.x), float(solved.cost), scale)
 
 
-def refined(model: Model, point: Point, how: How) -> Point:
+def refined(simulator: Simulator, point: Point) -> Point:
     """Search again from a point, with the weights of the residuals.
 
     At first they count as white. Correlation is judged by what the best fit leaves: residuals of a
@@ -270,22 +288,20 @@ def refined(model: Model, point: Point, how: How) -> Point:
     """
     every = np.ones(point.x.size, bool)
     for _ in range(WHITE_PASSES):
-        white, _ = weights(model, point.x)
-        point = search(model, Point(point.x, inf, white), every, how)
-    white, times = weights(model, point.x)
-    return search(model, Point(point.x, inf, white * np.sqrt(times)), every, how)
+        white, _ = weights(simulator, point.x)
+        point = search(simulator, Point(point.x, inf, white), every)
+    white, times = weights(simulator, point.x)
+    return search(simulator, Point(point.x, inf, white * np.sqrt(times)), every)
 
 
-def weights(model: Model, x: Vector) -> tuple[Vector, Vector]:
+def weights(simulator: Simulator, x: Vector) -> tuple[Vector, Vector]:
     """Return of each signal the RMS of its residuals at a point, and their correlation time.
 
     The time is in samples, at least 1.
     """
-    simulated = model.simulated(x)
-    assert simulated is not None  # the search has ended there
-    errors = residuals(model, simulated)
-    times = correlation_times(errors, model.compared)
-    return np.maximum(rms(model, errors), 1e-12), times
+    errors, compared = simulator.residuals(x), simulator.model.compared
+    rms = np.sqrt((errors**2).sum(axis=0) / np.maximum(compared.sum(axis=0), 1))
+    return np.maximum(rms, 1e-12), correlation_times(errors, compared)
 
 
 def starts(model: Model, count: int, seed: int) -> Iterator[Vector]:
@@ -303,7 +319,7 @@ def starts(model: Model, count: int, seed: int) -> Iterator[Vector]:
                 break
 
 
-def searched(model: Model, x: Vector, how: How) -> Point:
+def searched(simulator: Simulator, x: Vector) -> Point:
     """Search roughly from one start over all unknowns, with the weights of a first pass."""
     every = np.ones(x.size, bool)
-    return search(model, Point(x, inf, first_scale(model)), every, how, ROUGH)
+    return search(simulator, Point(x, inf, first_scale(simulator.model)), every, ROUGH)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from canroll.identification.drive_log import INPUTS, OUTPUTS, QUANTITIES, Log
+from canroll.identification.smoothing import smoothed
 from canroll.typing import Vector
 
 SAMPLE = 0.01
@@ -192,4 +193,5 @@ def _piece(clean: dict[str, _Clean], names: tuple[str, ...], begin: float, end: 
         usual = float(np.median(np.diff(times)))
         for i in np.flatnonzero(np.diff(times) > max(2.5 * usual, 2.5 * SAMPLE)):
             measured[(time > times[i]) & (time < times[i + 1]), column] = np.nan
-    return Piece(begin, sampled("steering"), sampled("speed"), names, measured)
+    # noise of the speed would drive the car, and look like motion that the numbers explain
+    return Piece(begin, sampled("steering"), smoothed(sampled("speed")), names, measured)

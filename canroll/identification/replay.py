@@ -1,6 +1,7 @@
 """The 14-DOF plant driven with a measured steering and speed: no bus, no ECU."""
 
 from collections.abc import Mapping
+from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,10 +16,13 @@ from plant_sim.kernels.jit import njit
 from plant_sim.nodes.imu_motion import FORCE, N_MOTION, RATE, specific_motion
 from vehicles import Vehicle
 
-STEP = 0.001
-"""Step of the plant (s)."""
-RECORDED = 2
-"""Steps between two recorded rows: signals are delayed by interpolation between them."""
+ROW = 0.002
+"""Interval of recorded rows (s): signals are delayed by interpolation between them."""
+FASTEST = 1.25
+"""Most that a step turns the spin of a wheel towards the car's speed, at the load of rest.
+
+Twice as much on a wheel with twice the load; the Runge-Kutta step of fourth order permits 2.78.
+"""
 SPEED_GAIN = 20.0
 """Traction per mass and error in speed (1/s): follows 3.5 m/s² within 0.2 m/s."""
 
@@ -54,15 +58,15 @@ class _Run(NamedTuple):
 
 
 @njit
-def _drive_through(step: Any, run: _Run, mass: float) -> None:  # noqa: ANN401
-    """Fill the record: the state before a step belongs to the time of the inputs."""
-    motion = np.zeros(N_MOTION)
+def _drive_through(step: Any, run: _Run, mass: float, dt: float) -> None:  # noqa: ANN401
+    """Fill the record; inputs are those in the middle of each step of ``dt`` (s)."""
+    motion, steps = np.zeros(N_MOTION), len(run.steer) // len(run.record)
     step(run.state, run.inputs, run.parameters, run.outputs, 0.0)
     for k in range(len(run.steer)):
-        if k % RECORDED == 0:
+        if k % steps == 0:
             specific_motion(run.inputs, run.outputs, run.arm, motion)
             roll = run.outputs[ports.ROLL]
-            row = run.record[k // RECORDED]
+            row = run.record[k // steps]
             row[BODY_YAW], row[BODY_ROLL] = motion[RATE + 2], motion[RATE]
             row[BODY_AY] = motion[FORCE + 1]
             row[AY] = np.cos(roll) * motion[FORCE + 1] - np.sin(roll) * motion[FORCE + 2]
@@ -74,7 +78,14 @@ def _drive_through(step: Any, run: _Run, mass: float) -> None:  # noqa: ANN401
                 row[TRAVEL + wheel] = run.outputs[ports.TRAVEL + wheel]
         run.inputs[ports.STEER] = run.steer[k]
         run.inputs[ports.DRIVE_FORCE] = SPEED_GAIN * mass * (run.speed[k] - run.outputs[ports.VX])
-        step(run.state, run.inputs, run.parameters, run.outputs, STEP)
+        step(run.state, run.inputs, run.parameters, run.outputs, dt)
+
+
+def _step(vehicle: Vehicle, slowest: float) -> float:
+    """Return the step (s), a part of a row, at which the wheels' spin is stable."""
+    tyre = vehicle.tyre
+    rate = tyre.longitudinal_stiffness * tyre.radius**2 / (tyre.wheel_inertia * slowest)
+    return ROW / ceil(rate * ROW / FASTEST)
 
 
 def motion(vehicle: Vehicle, piece: Piece, steering_offset: float) -> NDArray[np.float64]:
@@ -86,25 +97,26 @@ def motion(vehicle: Vehicle, piece: Piece, steering_offset: float) -> NDArray[np
         steering_offset: of the measured steering-wheel angle (rad), subtracted.
 
     Returns:
-        a row every ``RECORDED * STEP`` from the piece's begin on, (k, :data:`N_COLUMNS`).
+        a row every :data:`ROW` from the piece's begin on, (k, :data:`N_COLUMNS`).
 
     Raises:
         CanrollError: no plant can have these numbers.
     """
     body = bodies.body("nonlinear")
-    steps = round(len(piece.speed) * SAMPLE / STEP)
-    at, known = STEP * np.arange(steps), SAMPLE * np.arange(len(piece.speed))
+    rows, dt = round(len(piece.speed) * SAMPLE / ROW), _step(vehicle, float(piece.speed.min()))
+    steps, known = rows * round(ROW / dt), SAMPLE * np.arange(len(piece.speed))
+    at = dt * (np.arange(steps) + 0.5)
     steer = (np.interp(at, known, piece.steering) - steering_offset) / vehicle.steering.ratio
     speed = np.interp(at, known, piece.speed)
     state, parameters = body.build(vehicle, float(speed[0]))
-    record = np.empty((-(-steps // RECORDED), N_COLUMNS))
+    record = np.empty((rows, N_COLUMNS))
     arm, outputs = np.array(vehicle.sensors.imu_position), np.zeros(ports.N_OUTPUTS)
     run = _Run(state, initial_inputs(), parameters, outputs, steer, speed, arm, record)
-    _drive_through(body.step, run, vehicle.total_mass)
+    _drive_through(body.step, run, vehicle.total_mass, dt)
     return record
 
 
 def sampled(record: NDArray[np.float64], column: int, piece: Piece, delay: float) -> Vector:
     """Return a column at the samples of a piece, ``delay`` (s) later than it happens."""
     at = SAMPLE * np.arange(len(piece.speed)) - delay
-    return np.asarray(np.interp(at, RECORDED * STEP * np.arange(len(record)), record[:, column]))
+    return np.asarray(np.interp(at, ROW * np.arange(len(record)), record[:, column]))

@@ -3,6 +3,8 @@
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import exp
+from math import log as natural
 
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.identification.drive_log import QUANTITIES
@@ -20,7 +22,9 @@ class Unknown:
     """A number to fit: key of the vehicle file or of the log, label, unit, prior and bounds.
 
     ``mean`` and ``deviation`` are those of the prior, in ``unit``; ``prior`` says where its spread
-    is from. The key of one number of a list ends in its place.
+    is from. The key of one number of a list ends in its place. The prior of a ``positive`` number
+    is normal in its logarithm, that of another in itself; its coordinate is the distance from the
+    mean in deviations of that prior.
     """
 
     key: str
@@ -31,6 +35,23 @@ class Unknown:
     least: float
     most: float
     prior: str
+    positive: bool = False
+
+    def coordinate(self, value: float) -> float:
+        """Return the coordinate of a value in ``unit``."""
+        if self.positive:
+            return natural(value / self.mean) * self.mean / self.deviation
+        return (value - self.mean) / self.deviation
+
+    def value(self, coordinate: float) -> float:
+        """Return the value in ``unit`` at a coordinate."""
+        if self.positive:
+            return self.mean * exp(coordinate * self.deviation / self.mean)
+        return self.mean + coordinate * self.deviation
+
+    def slope(self, value: float) -> float:
+        """Return the change of the value by that of the coordinate, at ``value``."""
+        return self.deviation * (value / self.mean if self.positive else 1.0)
 
     @property
     def of_log(self) -> bool:
@@ -140,11 +161,13 @@ def _of_vehicle(vehicle: Vehicle) -> Iterator[Unknown]:
         if match and float(match[1]) > 0.0:
             deviation = float(match[1]) * (abs(mean) / 100 if match[2] else 1.0)
             prior = source.partition(":")[0]
-        if number.relative:
+        positive = number.relative > 0.0
+        if positive:
             least, most = mean / WIDEST, mean * WIDEST
         else:
             least, most = min(number.least, mean), max(number.most, mean)
-        yield Unknown(key, number.label, number.unit, mean, deviation, least, most, prior)
+        label, unit = number.label, number.unit
+        yield Unknown(key, label, unit, mean, deviation, least, most, prior, positive)
 
 
 def _origin(vehicle: Vehicle, key: str) -> str:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from canroll.campaigns import campaign_file
@@ -46,3 +47,11 @@ def test_springs_are_softened_no_more_than_needed():
 def test_springs_that_fit_stay_as_they_are():
     nominal = load("suv_2020")
     assert springs_within(nominal) is nominal
+
+
+@pytest.mark.parametrize("share", np.linspace(0.4, 0.7, 30))
+def test_rounding_makes_no_spring_too_stiff(share):
+    car = load("van_real")
+    springs = dict.fromkeys(("spring_rate_front", "spring_rate_rear"), 1e6)
+    stiff = replace(car.suspension, roll_stiffness_front_share=float(share), **springs)
+    build_parameters(springs_within(replace(car, suspension=stiff)))

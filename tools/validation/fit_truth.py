@@ -1,9 +1,9 @@
 """Fits of logs whose truth is known: how often it lies in the interval that a fit states.
 
-``python -m tools.validation.fit_truth COUNT [JOBS]`` prints a table: for each number how often the
-log tells it, how often the truth lies within 1.96 standard deviations, and the deviation over the
-Cramér–Rao bound. The car of a log is drawn from the priors of the one where its fit starts; its
-sensors have noise, offsets and delays.
+``python -m tools.validation.fit_truth COUNT [JOBS [FOLDER]]`` prints a table: for each number how
+often the log tells it, how often the truth lies within 1.96 standard deviations, and the deviation
+over the Cramér–Rao bound. The car of a log is drawn from the priors of the one where its fit
+starts; its sensors have noise, offsets and delays. Outcomes in FOLDER are taken from there.
 """
 
 import sys
@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from canroll.cases.engine import LOCAL, engine, results
+from canroll.cases.store import JsonRows, Store
 from canroll.errors import CanrollError
 from canroll.identification import drive_log, replay, unknowns
 from canroll.identification.fit import Fit, FitSettings, fit
@@ -30,6 +31,8 @@ NOISE = {"yaw_rate": 0.003, "lateral_acceleration": 0.06, "roll_rate": 0.004, "r
 """Standard deviation of the sensors' white noise, SI units; of steering (rad) and speed (m/s):"""
 STEERING_NOISE, SPEED_NOISE = 1e-3, 0.01
 DURATION = 8.0
+SPUN = 0.2
+"""Sideslip (rad) beyond which a car is lost."""
 VAN = {"mass": 2720.0, "wheelbase": 3.66, "track": 1.735, "height": 2.5}
 COVERED = 1.96
 STATES = ("identified", "together", "kept")
@@ -81,18 +84,21 @@ def truth(
     generator = np.random.default_rng(seed)
     start = start or estimated("van", VAN, name="van")
     sought = unknowns.unknowns(start, NAMES, held=held)
+    time = np.asarray(SAMPLE * np.arange(round(duration / SAMPLE)), float)
+    wheel, speed = steering(generator, time), 22.0 + 1.5 * np.sin(0.4 * time)
+    piece = Piece(0.0, wheel, speed, NAMES, np.zeros((time.size, len(NAMES))))
     while True:
         numbers = {u.key: float(_drawn(generator, u)) for u in sought}
         try:
             car = unknowns.applied(start, numbers)
         except CanrollError:
             continue
-        if not any(problems(car)):
+        if any(problems(car)):
+            continue
+        record = replay.motion(car, piece, 0.0)
+        # a car that spins or rolls over on this drive would not have been measured
+        if not record[:, replay.ROLLOVER].any() and np.abs(record[:, replay.SIDESLIP]).max() < SPUN:
             break
-    time = np.asarray(SAMPLE * np.arange(round(duration / SAMPLE)), float)
-    wheel, speed = steering(generator, time), 22.0 + 1.5 * np.sin(0.4 * time)
-    piece = Piece(0.0, wheel, speed, NAMES, np.zeros((time.size, len(NAMES))))
-    record = replay.motion(car, piece, 0.0)
     shown = (
         wheel
         + numbers.get(STEERING_OFFSET, 0.0)
@@ -113,20 +119,31 @@ def truth(
 
 def _drawn(generator: np.random.Generator, unknown: unknowns.Unknown) -> float:
     while True:
-        value = generator.normal(unknown.mean, unknown.deviation)
+        value = unknown.value(generator.standard_normal())
         if unknown.least < value < unknown.most:
             return value
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One number of one fit: error and deviation, the least deviation, and the state."""
+    """One number of one fit: error, its deviation and the least one, and the state.
+
+    All in deviations of the prior, of a positive number those of its logarithm.
+    """
 
     key: str
     error: float
     deviation: float
     least: float
     state: str
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """All numbers of one fit, and the mean square of their errors in its covariance."""
+
+    rows: tuple[Row, ...]
+    distance: float
 
 
 def fitted(case: Truth, settings: FitSettings) -> Fit:
@@ -137,31 +154,41 @@ def fitted(case: Truth, settings: FitSettings) -> Fit:
         return fit(drive_log.read(str(path), {}), case.start, settings)
 
 
-def rows(seed: int) -> list[Row]:
+def outcome(seed: int) -> Outcome:
     """Fit one log and compare with its truth."""
     case = truth(seed)
-    result = fitted(case, FitSettings(starts=1))
+    result = fitted(case, FitSettings())
     felt = np.array([number.state != "kept" for number in result.numbers])
     least = result.information.least(felt)
-    return [
-        Row(
-            number.unknown.key,
-            number.value - case.numbers[number.unknown.key],
-            number.deviation,
-            float(bound) * number.unknown.deviation,
-            number.state,
+    slopes = np.array([number.unknown.slope(number.value) for number in result.numbers])
+    covariance = result.covariance / np.outer(slopes, slopes)
+    errors = np.array(
+        [
+            number.unknown.coordinate(number.value)
+            - number.unknown.coordinate(case.numbers[number.unknown.key])
+            for number in result.numbers
+        ]
+    )
+    rows = tuple(
+        Row(number.unknown.key, error, deviation, bound, number.state)
+        for number, error, deviation, bound in zip(
+            result.numbers,
+            errors.tolist(),
+            np.sqrt(np.diag(covariance)).tolist(),
+            least.tolist(),
+            strict=True,
         )
-        for number, bound in zip(result.numbers, least, strict=True)
-    ]
+    )
+    return Outcome(rows, float(errors @ np.linalg.solve(covariance, errors)) / len(rows))
 
 
-def table(found: list[list[Row]]) -> Iterator[str]:
-    """Lines of the table."""
+def table(outcomes: list[Outcome]) -> Iterator[str]:
+    """Lines of the table, and in how many of the logs' covariances the truth is no surprise."""
     yield "| number | identified | with others | kept | within 95 % | deviation over the least |"
     yield "| --- | ---: | ---: | ---: | ---: | ---: |"
     inside: list[bool] = []
     identified: list[bool] = []
-    for number in zip(*found, strict=True):
+    for number in zip(*(one.rows for one in outcomes), strict=True):
         good = [abs(row.error) < COVERED * row.deviation for row in number]
         states = [sum(row.state == state for row in number) for state in STATES]
         inside += good
@@ -169,27 +196,36 @@ def table(found: list[list[Row]]) -> Iterator[str]:
         wide = np.median([row.deviation / row.least for row in number])
         counts = " | ".join(map(str, states))
         yield f"| `{number[0].key}` | {counts} | {np.mean(good):.0%} | {wide:.2f} |"
-    yield f"| all | | | | {np.mean(inside):.0%} | |"
-    yield f"| identified | | | | {np.mean(identified):.0%} | |"
+    yield f"| all {len(inside)} | | | | {np.mean(inside):.1%} | |"
+    yield f"| identified {len(identified)} | | | | {np.mean(identified):.1%} | |"
+    distances = sorted(one.distance for one in outcomes)
+    yield ""
+    yield f"mean square error in the covariance: {', '.join(f'{d:.2f}' for d in distances)}"
+    far = [(abs(r.error) / r.deviation, r.key) for one in outcomes for r in one.rows]
+    yield "farthest: " + ", ".join(f"{key} {d:.1f}" for d, key in sorted(far, reverse=True)[:5])
 
 
-def batch(count: int, jobs: int) -> list[list[Row]]:
-    """Fit ``count`` logs."""
-    tasks = [(f"log {seed}", rows, (seed,)) for seed in range(1, count + 1)]
-    found = []
+def batch(count: int, jobs: int, folder: Path | None) -> list[Outcome]:
+    """Fit ``count`` logs; those whose outcome is in ``folder`` are not fitted again."""
+    tasks = [(f"log_{seed}", outcome, (seed,)) for seed in range(1, count + 1)]
+    store: Store[Outcome] | None = None
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        store = JsonRows(folder, "", Outcome)
+    outcomes = []
     with engine(LOCAL, jobs) as where:
-        for name, result, _ in results(where, None, tasks):
-            found.append(result)
+        for name, result, _ in results(where, store, tasks):
+            outcomes.append(result)
             print(name, file=sys.stderr, flush=True)
-    return found
+    return outcomes
 
 
 def main(arguments: list[str]) -> int:
     """Run the command; return the exit code."""
     match arguments:
-        case [count] | [count, _] if all(text.isdecimal() for text in arguments):
-            jobs = int(arguments[1]) if arguments[1:] else 1
-            print("\n".join(table(batch(int(count), jobs))))
+        case [count, *more] if len(more) < 3 and all(map(str.isdecimal, (count, *more[:1]))):
+            folder = Path(more[1]) if more[1:] else None
+            print("\n".join(table(batch(int(count), int(more[0]) if more else 1, folder))))
             return 0
     print(__doc__, file=sys.stderr)
     return 2
