@@ -397,8 +397,14 @@ class Calibration:
     ]
     lateral_share: Annotated[
         list[i32],
-        2,
-        F(0, SHARE_MAX, Q_SHARE, "", "of what the body shows, to its own side, to the other"),
+        3,
+        F(
+            0,
+            SHARE_MAX,
+            Q_SHARE,
+            "",
+            "of what the body shows, to its side and other; of moments",
+        ),
     ]
 
     # axles monitor, with the response monitor: the tyres of both axles carry what acts on them

@@ -28,7 +28,7 @@ from gain_gen.calibration.quantise import ACTUATOR_NUMBER, QuantiseOptions
 from gain_gen.design import design, without_control
 from gain_gen.laws import WITHOUT_ROLL_RATE
 from gain_gen.models.task import Delay, Design, Task
-from gain_gen.monitors.uncertainty import stated
+from gain_gen.monitors.uncertainty import of_vehicle, stated
 from plant_sim.can_bus.network.own_frames import bus_map
 from vehicles import Vehicle
 
@@ -185,6 +185,7 @@ def options_of(choices: Mapping[str, Any]) -> QuantiseOptions:
     if every_tick and choices.get("heartbeat_ms") is not None:
         where = "to dampers" if event else "with --trigger every"
         raise CanrollError(f"--heartbeat: {where} a command is sent every tick: omit it")
+    known = of_vehicle(vehicles.load(chosen(choices, "vehicle")))
     return QuantiseOptions(
         event_trigger=event,
         identification=identification,
@@ -192,7 +193,7 @@ def options_of(choices: Mapping[str, Any]) -> QuantiseOptions:
         response_watch=_response_watch(choices),
         sample_period=_sample_period(choices),
         moment_reported=not _unreported(choices),
-        uncertainty=stated(choices.get("uncertainty") or {}),
+        uncertainty=stated(choices.get("uncertainty") or {}, known),
         heartbeat=heartbeat,
     )
 

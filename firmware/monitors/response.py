@@ -85,6 +85,8 @@ def watch_lateral_balance(ecu: Ecu, cal: Calibration, left: i32, beside: i32, sh
     ``beside`` is by how much that differs from it, ``shown`` what suspension and moments say of it.
     """
     wrong: i32 = of_side(cal.lateral_share[0], cal.lateral_share[1], shown, left)
+    moment: i32 = sat31(ecu.delivered[0] + ecu.delivered[1])
+    wrong = sat31(wrong + share(moment, cal.lateral_share[2]))
     if within(ecu, cal.response_limit) == 0:
         wrong = sat31(wrong + share(shown, cal.limit_share[1]))
     leave_room(ecu, LATERAL, wrong, rsh(cal.response_pass, FADING))

@@ -35,11 +35,17 @@ def of_moments(box: Uncertainty) -> tuple[float, float, float]:
     return own, other, max(0.0, besides)
 
 
-def of_lateral(box: Uncertainty) -> tuple[float, float]:
+def of_lateral(box: Uncertainty) -> tuple[float, float, float]:
     """Return the shares where it judges the lateral acceleration by what the body shows.
 
-    K − M − L of K − M: to its side and to the other. (1 − κ/μ) without moments, (1 − m/μ) with
-    M = −L are the ends.
+    S = K − M shows L: S − L = (1 − κ/μ) S + (m − κ)/μ M: of S where that is to the side of S and
+    where it is to the other, and of M.
     """
-    ends = [1.0 - factor / mu for mu, kappa, moment in corners(box) for factor in (kappa, moment)]
-    return max(ends), -min(ends)
+    ends = [
+        (1.0 - kappa / mu, (m - kappa) / mu, (mu + kappa - m) / kappa)
+        for mu, kappa, m in corners(box)
+    ]
+    own, other = max(a for a, _, _ in ends), -min(a for a, _, _ in ends)
+    # with M = −L, the largest there is, and S by it
+    besides = max(max((a - own) * s - b, (-a - other) * s + b) for a, b, s in ends)
+    return own, other, max(0.0, besides)

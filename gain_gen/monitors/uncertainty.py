@@ -7,6 +7,8 @@ from math import inf
 from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
+from vehicles import Vehicle
+from vehicles.fit_spread import value_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +84,48 @@ SHARES = (
     "speed",
 )
 """Half-widths that are shares of the nominal value: below 1, so that something is left of it."""
+
+
+OF_FIT = {
+    "plant.roll_stiffness": "stiffness",
+    "plant.roll_damping": "damping",
+    "plant.roll_inertia": "inertia",
+    "plant.cg_height_above_roll_axis": "height",
+    "tyre.cornering_stiffness_front": "cornering",
+    "tyre.cornering_stiffness_rear": "cornering",
+    "geometry.roll_centre_height_front": "roll_centre",
+    "geometry.roll_centre_height_rear": "roll_centre",
+}
+"""Half-widths that a number of a fitted vehicle widens."""
+SURE = 2.0
+"""Standard deviations of a fit that a half-width holds at least: 95 % of the cars it may be."""
+
+
+def of_vehicle(vehicle: Vehicle) -> Uncertainty:
+    """Return the default box, wide enough for what the vehicle was fitted with.
+
+    A fit tells of the car, not of its load, temperature and wear: it narrows nothing.
+
+    Raises:
+        CanrollError: the fit leaves a share that may be all of the number.
+    """
+    box = DEFAULT
+    if vehicle.fit is None:
+        return box
+    for key, deviation in zip(vehicle.fit.names, vehicle.fit.deviations, strict=True):
+        name = OF_FIT.get(key)
+        if name is None:
+            continue
+        width = SURE * deviation
+        if name in SHARES:
+            width /= abs(value_of(vehicle, key))
+            if width >= 1.0:
+                raise CanrollError(
+                    f"{vehicle.name}: the fit knows {key} to ±{100.0 * width:.0f} % only: fit a "
+                    "log that tells more, or give the number by --vehicle-set"
+                )
+        box = replace(box, **{name: max(getattr(box, name), width)})
+    return box
 
 
 def stated(choices: Mapping[str, Any], box: Uncertainty = DEFAULT) -> Uncertainty:

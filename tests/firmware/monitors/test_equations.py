@@ -16,7 +16,7 @@ STROKE, STRETCH, ARM, INERTIA = (1800.0, 1300.0), 0.05, 595.0, 10_000.0
 SHARES = 0.4, 0.2, 0.15, 0.1, 0.3
 """Of side force, springs, dampers, moments and inertia that may be wrong."""
 LIMIT_SHARES = 0.75, 0.25
-OF_FORCE, OF_MOMENTS, OF_SHOWN = (0.875, 0.01), 0.25, (0.625, 0.5)
+OF_FORCE, OF_MOMENTS, OF_SHOWN = (0.875, 0.01), 0.25, (0.625, 0.5, 0.3)
 ROUGH = 900.0, 500.0
 AXLES_STRETCH, AXLES_DAMPING, AXLES_ROUGH = (900.0, 700.0), 2.5, 2.0
 AXLES_SIDE = 40.0
@@ -174,7 +174,8 @@ class Floats:
             shown = slowly + by_force
             share = OF_SHOWN[0] if slowly * shown > 0.0 else OF_SHOWN[1]
             share += LIMIT_SHARES[1] if it.at_the_limit else 0.0
-            b[balance.LATERAL].leave_room(share * abs(shown), FADING)
+            by_moment = OF_SHOWN[2] * abs(moment)
+            b[balance.LATERAL].leave_room(share * abs(shown) + by_moment, FADING)
             share = OF_FORCE[0] if slowly * by_force > 0.0 else OF_FORCE[1]
             wrong = share * abs(by_force) + OF_MOMENTS * abs(moment) + sum(bumps)
             b[balance.STEADY].leave_room(wrong, FADING)

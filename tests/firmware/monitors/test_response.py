@@ -22,8 +22,8 @@ SHARES = {"side force": 0.4, "springs": 0.2, "dampers": 0.2, "moments": 0.2, "in
 OF_FORCE = 0.9, 0.6
 """Of the lateral force that may be left over for long: to its own side, to the other."""
 OF_MOMENTS = 0.3
-OF_SHOWN = 0.5, 0.6
-"""Of what the body shows of the lateral acceleration: to its side, to the other."""
+OF_SHOWN = 0.5, 0.6, 0.0
+"""Of what the body shows of the lateral acceleration: to its side, to the other; of moments."""
 REBOUND = 0.5
 """Of a damper's force by which rebound differs from bump."""
 LATE = 2.0
@@ -311,6 +311,16 @@ def test_more_of_what_the_body_shows_may_be_wrong_at_the_tyres_limit(lateral, wr
         ecu.motion_peak = peak << fw.Q_ACCELERATION
         replay(ecu, cal, samples, np.full(200, 2.0))
         assert ecu.lateral_contradicted == expected
+
+
+@pytest.mark.parametrize(("of_moments", "wrong"), [(0.0, 1), (0.3, 0)])
+def test_moments_may_be_wrong_where_the_acceleration_is_judged_by_the_body(of_moments, wrong):
+    cal = watched()
+    cal.lateral_share[2] = shares(of_moments)[0]
+    ecu = known(cal)
+    # of 1000 N·m against 360 and a half of it
+    replay(ecu, cal, on_the_straight(0.0, moment=-1000.0), np.full(200, 2.0))
+    assert ecu.lateral_contradicted == wrong
 
 
 def test_a_bank_differs_from_the_yaw_rate_alone():
