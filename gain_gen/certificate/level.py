@@ -3,8 +3,9 @@
 For given multipliers the least level is that of the bounded real lemma: with the moment apart, M₁
 from all other scaled inputs and m from the moment, γ² = max over frequency of
 m*(1 + M₁(1 − M₁*M₁)⁻¹M₁*)m. The multipliers of the delays and of what the trigger withholds are
-searched for the least γ (Packard and Doyle 1993); roundings get multipliers so large that they
-hardly matter.
+searched for the least γ (Packard and Doyle 1993). A rounding, at most ν, with the gain g to the
+roll angle and the multiplier m raises γ² by a part of g²/m and the level of the ellipsoid, in which
+no stored value may saturate, by m ν². For a given raise the level is least with m as g/ν.
 """
 
 from collections.abc import Iterator
@@ -16,15 +17,15 @@ import numpy as np
 from scipy.optimize import minimize
 
 from gain_gen.certificate.balance import KAPPA, Balance, balanced
-from gain_gen.certificate.lyapunov import LyapunovPoint, solved, uncentred
+from gain_gen.certificate.lyapunov import GRANTED, LyapunovPoint, fits, solved, uncentred
 from gain_gen.certificate.responses import Responses
 from gain_gen.certificate.uncertain_loop import UncertainLoop
 from gain_gen.models.roll import Matrix, stationary_covariance
 
-PARTS = (0.02, 0.005, 1e-3)
+PARTS = (0.1, 0.02, 0.005, 1e-3)
 """Tried 1 − decay, relative to that of the loop with the middle delays."""
 APART = 1e3
-"""Multiplier of a rounding, relative to the square of its gain to the roll angle."""
+"""Inverse of the part of γ² by which all roundings raise it on their way to the roll angle."""
 RAISED = (1.003, 1.01, 1.03, 1.06, 1.1, 1.2, 1.4)
 """Factors on the least γ² of the grid that are tried."""
 CLEAR = 1.03
@@ -50,7 +51,7 @@ def level_points(loop: UncertainLoop) -> Iterator[LyapunovPoint]:
         weights = np.r_[weights[:-1], factor * least]
         sizes, decay = _sizes(centred), 1.0 - part * gap
         point = solved(centred, decay, delays, weights, sizes, performance=1.0)
-        if point is not None:
+        if point is not None and fits(centred, point):
             point = replace(point, roll=float(np.sqrt(weights[-1])))
             yield uncentred(point, loop.trigger, kappa) if loop.trigger else point
 
@@ -61,9 +62,12 @@ class _Search:
     def __init__(self, loop: UncertainLoop) -> None:
         self._trigger, self._delays = loop.trigger, len(loop.places)
         self._responses, self._inputs = Responses(loop), loop.inputs.shape[1]
-        peak = np.abs(self._responses.centred(KAPPA)).max(axis=0)[-1, : self._inputs]
-        self._weights = APART * len(peak) * np.maximum(peak, 1e-9 * peak[-1]) ** 2
-        self._weights[-1] = 1.0
+        rounded = slice(1 if self._trigger else 0, self._inputs - 1)
+        bounds, peak = loop.bounds[rounded], np.abs(self._responses.centred(KAPPA)).max(axis=0)[-1]
+        reach = bounds * peak[: self._inputs][rounded]
+        self._weights = np.ones(self._inputs)
+        granted = np.maximum(reach, GRANTED * reach.sum())
+        self._weights[rounded] = APART * granted * granted.sum() / bounds**2
 
     def kappa(self, free: Matrix) -> float:
         """Return κ of the trigger, zero without one."""
