@@ -246,6 +246,8 @@ def test_a_single_delay_without_a_proof_is_an_answer(calibrated):
     resolution = resolutions(task.vehicle, calibration.record)
     assert prove(loud, condition, Wish(EVERY_TICK, (0.0024, 0.0024), resolution)) is not None
     assert prove(loud, condition, Wish(EVERY_TICK, (0.0024, 0.0095), resolution)) is None
+    assert prove_level(loud, condition, Wish(LEVEL, (0.0024, 0.0024), resolution)) is not None
+    assert prove_level(loud, condition, Wish(LEVEL, (0.0024, 0.0095), resolution)) is None
 
 
 def test_another_loop_is_refused(calibrated):
