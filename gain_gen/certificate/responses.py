@@ -14,6 +14,8 @@ class Responses:
     """Responses of the loop to its inputs and the places of its delays.
 
     Attributes:
+        gains: (frequencies, rows, columns) of the jumps, of the roll angle and, with a trigger, of
+            the command that is sent and of the one before.
         rows: number of the uncertain input against which each row of :meth:`centred` but the last,
             the roll angle, is small; the trigger's comes first.
         columns: number of the uncertain input of each column, −1 of roundings and disturbances.
@@ -34,14 +36,14 @@ class Responses:
         b = np.hstack([loop.inputs, *loop.places]).astype(complex)
         gains = rows[:, :n] @ np.linalg.solve(z * np.eye(n) - loop.a, b)
         gains[:, :, :m] += rows[:, n:]
-        self._gains = gains
+        self.gains = gains
 
     def centred(self, kappa: float) -> Complex:
         """Return those of the loop centred with κ, (frequencies, rows, columns).
 
         Rows are what is withheld, the jumps and the roll angle.
         """
-        trigger, gains = self._trigger, self._gains
+        trigger, gains = self._trigger, self.gains
         if trigger is None:
             return gains
         new, before = gains[:, -2].copy(), gains[:, -1]

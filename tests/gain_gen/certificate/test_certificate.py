@@ -30,11 +30,13 @@ from gain_gen.certificate.certificate import (
     condition_of,
     resolutions,
 )
-from gain_gen.certificate.claim import Wish, prove, texts, uncertain
+from gain_gen.certificate.claim import MOMENT, Wish, prove, prove_level, texts, uncertain
 from gain_gen.certificate.coverage import shortfall
 from gain_gen.certificate.delay_sequence import simulate
+from gain_gen.laws.rate_gain import free_peak
 from gain_gen.laws.roll_rate_feedback import exact_gamma, open_loop_gamma
 from gain_gen.margin_report import task_of
+from gain_gen.models.task import Delay
 
 LAWS = ("steering_lead", "lqr", "hinf_delay")
 """A compensator, a state feedback with prediction, an output feedback."""
@@ -244,6 +246,8 @@ def test_a_single_delay_without_a_proof_is_an_answer(calibrated):
     resolution = resolutions(task.vehicle, calibration.record)
     assert prove(loud, condition, Wish(EVERY_TICK, (0.0024, 0.0024), resolution)) is not None
     assert prove(loud, condition, Wish(EVERY_TICK, (0.0024, 0.0095), resolution)) is None
+    assert prove_level(loud, condition, Wish(LEVEL, (0.0024, 0.0024), resolution)) is not None
+    assert prove_level(loud, condition, Wish(LEVEL, (0.0024, 0.0095), resolution)) is None
 
 
 def test_another_loop_is_refused(calibrated):
@@ -295,6 +299,33 @@ def test_the_levels_are_near_those_of_the_design(certified, calibrated):
         < certified.levels["level with delay and event trigger"]
         < open_loop_gamma(model)
     )
+
+
+@pytest.mark.parametrize("trigger", [False, True])
+def test_the_level_of_a_state_feedback_holds_behind_a_gateway(calibrated, trigger):
+    """The firmware's own stages on the car under sines of the roll moment, from rest."""
+    calibration = calibrated("lqr", Delay(0.0331, 0.0160, 0.0502))
+    task, member, integers = parts(calibration)
+    resolution = resolutions(task.vehicle, calibration.record)
+    wish = Wish(LEVEL, bounds(task, member), resolution, trigger)
+    claim = prove_level(integers, condition_of(member, calibration.record), wish)
+    assert claim is not None
+    level = math.sqrt(Fraction(claim["weights"][-1]))
+    assert level < (1.15 if trigger else 0.82) * free_peak(member)
+
+    draw, gains = np.random.default_rng(7), []
+    for hertz in (0.2, 1.0, 1.5, 2.0):
+        moments = 2000.0 * np.sin(2.0 * np.pi * hertz * 0.01 * np.arange(500))
+        angles, _ = driven(
+            calibration,
+            member,
+            lambda _: draw.uniform(*bounds(task, member)),
+            ticks=len(moments),
+            push=lambda k, moments=moments: member.plant.disturbance[:, MOMENT] * moments[k],
+            trigger=trigger,
+        )
+        gains.append(np.linalg.norm(angles) / np.linalg.norm(moments))
+    assert 0.5 * level < max(gains) <= level
 
 
 def test_steering_drives_no_stored_value_beyond_its_limit(certified, calibrated):
