@@ -25,6 +25,7 @@ from canroll.identification.fit_page import (
 from canroll.identification.pieces import Window
 from canroll.report.run_folder import write_text
 from canroll.report.staging import usable_folder
+from vehicles.plausible import outside
 
 
 def run(args: argparse.Namespace) -> int:
@@ -103,6 +104,9 @@ def _write(result: Fit, out: Path) -> dict[str, str]:
     if result.vehicle.design == result.vehicle.plant:
         del table["design"]
         table["sources"].pop("design", None)
+    if unusual := sorted(outside(result.vehicle)):
+        # what a log says is meant, and told as a remark
+        table["unusual"] = unusual
     files = {
         "vehicle": out / f"{result.start.name}.toml",
         "result": out / "fit.json",

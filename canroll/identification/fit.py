@@ -30,6 +30,7 @@ from canroll.typing import Progress, Vector
 from vehicles import Vehicle
 from vehicles.fit_spread import SECTION, section_of, value_of
 from vehicles.load import from_table
+from vehicles.plausible import implausible
 
 SURPRISING = 3.0
 """Deviations of its prior by which a number contradicts it."""
@@ -204,14 +205,15 @@ def fit(
     name = Path(log.name).name
     slopes = np.array([number.unknown.slope(number.value) for number in numbers])
     scaled = covariance * np.outer(slopes, slopes)
-    remarks += tuple(_strange(numbers, minima))
+    car = fitted(vehicle, numbers, scaled, name)
+    remarks += (*_strange(numbers, minima), *(text.partition(";")[0] for text in implausible(car)))
     of_car = np.array([not unknown.of_log for unknown in sought])
     labels = [unknown.label for unknown in sought if not unknown.of_log]
     curves, agreements, predictions = _compared(model, log, settings, point.x)
     return Fit(
         log=name,
         start=vehicle,
-        vehicle=fitted(vehicle, numbers, scaled, name),
+        vehicle=car,
         numbers=numbers,
         covariance=scaled,
         information=content,

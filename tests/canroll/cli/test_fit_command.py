@@ -2,14 +2,17 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import tomli_w
 
 import vehicles
 from canroll.cli.main import main
 from canroll.identification.unknowns import NUMBERS
 from tools.validation import fit_truth
+from vehicles import plausible
 
 FREE = ("tyre.cornering_stiffness_front", "tyre.cornering_stiffness_rear")
 HELD = tuple(key for key in NUMBERS if key not in FREE)
@@ -52,6 +55,22 @@ def test_it_writes_a_vehicle_its_covariance_and_a_page(drive, tmp_path, capsys):
     assert "Variance" in page or "variance explained" in page
 
 
+def test_an_unusual_car_is_named_and_its_file_can_be_read(drive, tmp_path, capsys, monkeypatch):
+    folder, _ = drive
+    document = vehicles.load("van_real").document
+    # as if a cornering coefficient above 5 1/rad were unusual
+    narrow = [replace(band, high=5.0) if band.key == FREE[0] else band for band in plausible.BANDS]
+    monkeypatch.setattr(plausible, "BANDS", tuple(narrow))
+    start = tmp_path / "start.toml"
+    text = tomli_w.dumps(document | {"unusual": [FREE[0]]})
+    start.write_text(text)
+    arguments = [str(start) if word == "van_real" else word for word in options(folder)]
+    assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
+    assert "warning: tyre.cornering_stiffness_front = " in capsys.readouterr().out
+    car = vehicles.load(tmp_path / "out" / "start.toml")
+    assert set(plausible.outside(car)) == {FREE[0]}
+
+
 def test_a_reversed_roll_rate_is_named(drive, capsys):
     folder, _ = drive
     assert main(options(folder, "--json", "--signal", "roll_rate=-roll_rate")) == 2
@@ -84,4 +103,4 @@ def test_wrong_input_is_refused_in_one_line(drive, capsys, words, message):
 def test_a_vehicle_is_needed(drive, capsys):
     folder, _ = drive
     assert main(["fit", str(folder / "drive.csv"), "--json"]) == 2
-    assert "--vehicle is missing" in capsys.readouterr().err
+    assert "--vehicle is missing" in capsys.readouterr().out
