@@ -113,7 +113,7 @@ def outcome(car: str, seed: int) -> Outcome:
 
 def table(outcomes: list[Outcome]) -> Iterator[str]:
     """Lines of the table, of the numbers of the vehicle."""
-    yield "| number | car's own within ± 95 % | error, median | ± 95 %, median | |"
+    yield "| number | car's own within ± 95 % | error, median | ± 95 %, median | unit |"
     yield "| --- | ---: | ---: | ---: | --- |"
     sought = {u.key: u for u in unknowns.unknowns(start(), NAMES, held=HELD) if not u.of_log}
     within, total = 0, 0
