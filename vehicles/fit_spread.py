@@ -3,12 +3,13 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any
 
 from canroll.errors import CanrollError, UnknownNameError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 SECTION = "fit"
 KEYS = ("log", "names", "deviations", "correlation")
@@ -31,8 +32,10 @@ class FitSpread:
     correlation: tuple[tuple[float, ...], ...]
 
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> "NDArray[np.float64]":
         """The correlation, (p, p)."""
+        import numpy as np  # noqa: PLC0415 - which names of vehicles need not
+
         lower = np.zeros((len(self.names), len(self.names)))
         for i, row in enumerate(self.correlation):
             lower[i, : i + 1] = row
@@ -40,9 +43,11 @@ class FitSpread:
 
 
 def section_of(
-    log: str, names: Collection[str], covariance: NDArray[np.float64]
+    log: str, names: Collection[str], covariance: "NDArray[np.float64]"
 ) -> dict[str, object]:
     """Return the section for numbers of a covariance (p, p), in products of their units."""
+    import numpy as np  # noqa: PLC0415
+
     deviations = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(deviations, deviations)
     np.fill_diagonal(correlation, 1.0)
@@ -60,6 +65,8 @@ def of_section(table: object, where: str) -> FitSpread:
     Raises:
         CanrollError: a key is missing, unknown or wrong; the message begins with ``where``.
     """
+    import numpy as np  # noqa: PLC0415
+
     if not isinstance(table, Mapping):
         raise CanrollError(f"{where}: '{SECTION}' must be a table")
     for key in table:
@@ -126,6 +133,8 @@ def without(table: Mapping[str, Any], given: Collection[str]) -> dict[str, Any] 
         table: the section.
         given: keys, of numbers, lists or sections.
     """
+    import numpy as np  # noqa: PLC0415
+
     spread = of_section(dict(table), "fit")
     kept = [
         i

@@ -1,6 +1,6 @@
 """A vehicle fitted to a measured drive: its numbers, how sure they are, and what stays a guess."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -206,10 +206,11 @@ def fit(
     slopes = np.array([number.unknown.slope(number.value) for number in numbers])
     scaled = covariance * np.outer(slopes, slopes)
     car = fitted(vehicle, numbers, scaled, name)
-    remarks += (*_strange(numbers, minima), *(text.partition(";")[0] for text in implausible(car)))
     of_car = np.array([not unknown.of_log for unknown in sought])
     labels = [unknown.label for unknown in sought if not unknown.of_log]
     curves, agreements, predictions = _compared(model, log, settings, point.x)
+    unusual = (text.partition(";")[0] for text in implausible(car))
+    remarks += (*_strange(numbers), *unusual, *_searched(minima, agreements))
     return Fit(
         log=name,
         start=vehicle,
@@ -251,7 +252,7 @@ def _numbers(
     return numbers
 
 
-def _strange(numbers: tuple[FittedNumber, ...], minima: tuple[float, ...]) -> list[str]:
+def _strange(numbers: tuple[FittedNumber, ...]) -> list[str]:
     remarks = []
     for number in numbers:
         unknown = number.unknown
@@ -264,12 +265,24 @@ def _strange(numbers: tuple[FittedNumber, ...], minima: tuple[float, ...]) -> li
         near = min(number.value - unknown.least, unknown.most - number.value)
         if near < 1e-3 * (unknown.most - unknown.least) and number.state != "kept":
             remarks.append(f"{unknown.label}: it stands at its bound, {number.value:.3g}")
-    other = [cost for cost in minima if cost > (1.0 + SAME) * min(minima)]
-    if other:
-        remarks.append(
-            f"{len(other)} of {len(minima)} searches ended in a worse minimum: the best is taken"
-        )
     return remarks
+
+
+def _searched(minima: tuple[float, ...], agreements: tuple[Agreement, ...]) -> Iterator[str]:
+    """Yield what the searches' minima say of the best, which may be none of the whole range.
+
+    Noise that is left over confirms it, another search that ended there too.
+    """
+    other = sum(cost > (1.0 + SAME) * min(minima) for cost in minima)
+    if not other:
+        return
+    if other == len(minima) - 1 and not all(one.white for one in agreements):
+        yield (
+            "the fit did not converge to the noise: what is left over is correlated, and no two "
+            f"of {len(minima)} searches ended in the same minimum: give --starts {4 * len(minima)}"
+        )
+    else:
+        yield f"{other} of {len(minima)} searches ended in a worse minimum: the best is taken"
 
 
 def _compared(

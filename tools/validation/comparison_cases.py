@@ -1,7 +1,7 @@
 """Comparison of the 14-DOF plant and the multi-body car under the same steering."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,7 +146,16 @@ def drive_plant(vehicle: Vehicle, case: Case) -> Motion:
             advance(NONLINEAR.step, state, inputs, parameters, outputs, STEP / SUBSTEPS)
         rows[i] = outputs
     loads = rows[:, ports.WHEEL_LOAD : ports.WHEEL_LOAD + 4]
-    return Motion(rows[:, ports.YAW_RATE], rows[:, ports.ROLL], rows[:, ports.AY], loads)
+    return Motion(
+        rows[:, ports.YAW_RATE],
+        rows[:, ports.ROLL],
+        rows[:, ports.AY],
+        loads,
+        rows[:, ports.VX],
+        np.arctan2(rows[:, ports.VY], rows[:, ports.VX]),
+        rows[:, ports.ROLL_RATE],
+        rows[:, ports.BODY_ACC + 1],
+    )
 
 
 def difference(ours: Motion, theirs: Motion) -> Difference:
@@ -157,7 +166,7 @@ def difference(ours: Motion, theirs: Motion) -> Difference:
         change = other - other[0] if of == "loads" else other
         return float(np.sqrt(np.mean((mine - other) ** 2) / np.mean(change**2)))
 
-    return Difference(*(share(of) for of in Motion._fields))
+    return Difference(*(share(of.name) for of in fields(Difference)))
 
 
 def balance(

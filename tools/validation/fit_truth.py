@@ -7,12 +7,13 @@ starts; its sensors have noise, offsets and delays. Outcomes in FOLDER are taken
 """
 
 import sys
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from numpy.typing import NDArray
 
 from canroll.cases.engine import LOCAL, engine, results
 from canroll.cases.store import JsonRows, Store
@@ -87,34 +88,66 @@ def truth(
     time = np.asarray(SAMPLE * np.arange(round(duration / SAMPLE)), float)
     wheel, speed = steering(generator, time), 22.0 + 1.5 * np.sin(0.4 * time)
     piece = Piece(0.0, wheel, speed, NAMES, np.zeros((time.size, len(NAMES))))
+    for numbers, car in cars(generator, start, sought):
+        record = replay.motion(car, piece, 0.0)
+        if measurable(record):
+            return Truth(start, numbers, sensed(generator, piece, record, numbers))
+    raise AssertionError  # the cars never end
+
+
+def cars(
+    generator: np.random.Generator, start: Vehicle, sought: Collection[unknowns.Unknown]
+) -> Iterator[tuple[dict[str, float], Vehicle]]:
+    """Yield the numbers of draws from the priors of ``start``, without end, and cars with them."""
     while True:
         numbers = {u.key: float(_drawn(generator, u)) for u in sought}
         try:
             car = unknowns.applied(start, numbers)
         except CanrollError:
             continue
-        if any(problems(car)):
-            continue
-        record = replay.motion(car, piece, 0.0)
-        # a car that spins or rolls over on this drive would not have been measured
-        if not record[:, replay.ROLLOVER].any() and np.abs(record[:, replay.SIDESLIP]).max() < SPUN:
-            break
+        if not any(problems(car)):
+            yield numbers, car
+
+
+def measurable(record: NDArray[np.float64]) -> bool:
+    """Whether a car neither spins nor rolls over: else its drive would not have been measured."""
+    spun = np.abs(record[:, replay.SIDESLIP]).max() >= SPUN
+    return not (spun or record[:, replay.ROLLOVER].any())
+
+
+def sensed(
+    generator: np.random.Generator,
+    piece: Piece,
+    record: NDArray[np.float64],
+    numbers: Mapping[str, float],
+    frame: str = "body",
+) -> dict[str, Vector]:
+    """Return the columns of a log: what sensors with noise, offsets and delays show of a drive.
+
+    Args:
+        generator: of the noise.
+        piece: what was steered, and how fast.
+        record: of the drive, as of :func:`canroll.identification.replay.motion`.
+        numbers: offsets and delays by the keys of their unknowns.
+        frame: axes of the inertial unit.
+    """
+    time = piece.time
     shown = (
-        wheel
+        piece.steering
         + numbers.get(STEERING_OFFSET, 0.0)
         + STEERING_NOISE * generator.standard_normal(time.size)
     )
     columns = {
         "time": time,
         "steering_wheel_rad": shown,
-        "speed_m_s": speed + SPEED_NOISE * generator.standard_normal(time.size),
+        "speed_m_s": piece.speed + SPEED_NOISE * generator.standard_normal(time.size),
     }
     for name in NAMES:
-        column = replay.FRAMES["body"][name]
+        column = replay.FRAMES[frame][name]
         signal = replay.sampled(record, column, piece, numbers.get(delay_key(name), 0.0))
         noise = NOISE[name] * generator.standard_normal(time.size)
         columns[name] = signal + numbers.get(offset_key(name), 0.0) + noise
-    return Truth(start, numbers, columns)
+    return columns
 
 
 def _drawn(generator: np.random.Generator, unknown: unknowns.Unknown) -> float:
@@ -156,8 +189,12 @@ def fitted(case: Truth, settings: FitSettings) -> Fit:
 
 def outcome(seed: int) -> Outcome:
     """Fit one log and compare with its truth."""
-    case = truth(seed)
-    result = fitted(case, FitSettings())
+    return compared(truth(seed), FitSettings())
+
+
+def compared(case: Truth, settings: FitSettings) -> Outcome:
+    """Fit the log of a truth and compare with it."""
+    result = fitted(case, settings)
     felt = np.array([number.state != "kept" for number in result.numbers])
     least = result.information.least(felt)
     slopes = np.array([number.unknown.slope(number.value) for number in result.numbers])
@@ -205,9 +242,11 @@ def table(outcomes: list[Outcome]) -> Iterator[str]:
     yield "farthest: " + ", ".join(f"{key} {d:.1f}" for d, key in sorted(far, reverse=True)[:5])
 
 
-def batch(count: int, jobs: int, folder: Path | None) -> list[Outcome]:
-    """Fit ``count`` logs; those whose outcome is in ``folder`` are not fitted again."""
-    tasks = [(f"log_{seed}", outcome, (seed,)) for seed in range(1, count + 1)]
+def batch(
+    count: int, jobs: int, folder: Path | None, one: Callable[[int], Outcome] = outcome
+) -> list[Outcome]:
+    """Return the outcome of ``one`` for ``count`` seeds; those in ``folder`` are read there."""
+    tasks = [(f"log_{seed}", one, (seed,)) for seed in range(1, count + 1)]
     store: Store[Outcome] | None = None
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)

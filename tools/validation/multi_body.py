@@ -7,7 +7,7 @@ heights are those on unloaded tyres, ours on loaded ones.
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from math import atan, cos, sin
+from math import atan, atan2, cos, sin
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -31,7 +31,7 @@ SLOWEST = 10.0
 """Speed (m/s) down to which the spin of light wheels is integrated with a margin of five."""
 
 _STATES = 29
-_YAW_RATE, _ROLL, _VX, _VY_RATE = 5, 6, 3, 10
+_YAW_RATE, _ROLL, _VX, _VY = 5, 6, 3, 10
 _HEAVE, _PITCH = 11, 8
 _AXLES = (
     SimpleNamespace(roll=13, roll_rate=14, side=15, height=16),
@@ -50,6 +50,11 @@ class Motion(NamedTuple):
     lateral_acceleration: Vector
     loads: Vector
     """Of the wheels front left, front right, rear left, rear right, (n, 4)."""
+    speed: Vector
+    sideslip: Vector
+    roll_rate: Vector
+    body_acceleration: Vector
+    """Lateral, of the sprung body's CG; ``lateral_acceleration`` is that of the whole car's."""
 
 
 def light_wheel(tyre: Tyre, step: float) -> float:
@@ -198,7 +203,7 @@ def _rates(p: Any, *, as_published: bool) -> Iterator[Callable[[Vector, float], 
         rate = np.array(published.vehicle_dynamics_mb(x, [0.0, 0.0], p))
         if not as_published:
             apart = sum(
-                moment * (rate[axle.side] - rate[_VY_RATE])
+                moment * (rate[axle.side] - rate[_VY])
                 for moment, axle in zip(moments, _AXLES, strict=True)
             )
             rate[_YAW_RATE] = (p.I_z * rate[_YAW_RATE] - apart) / rigid
@@ -237,7 +242,7 @@ def simulate(
         pushed[:, _AXLES[0].roll_rate] = moments[:, 0] / p.I_uf
         pushed[:, _AXLES[1].roll_rate] = moments[:, 1] / p.I_ur
     state = standing(p, speed)
-    yaw_rate, roll, lateral = np.empty((3, steer.size))
+    yaw_rate, roll, lateral, speeds, sideslip, roll_rate, body = np.empty((7, steer.size))
     loads = np.empty((steer.size, 4))
     with _rates(p, as_published=as_published) as rates:
         for i, (angle, push) in enumerate(zip(steer, pushed, strict=True)):
@@ -249,12 +254,13 @@ def simulate(
             rate = rates(state, angle)
             yaw_rate[i], roll[i] = state[_YAW_RATE], -state[_ROLL]
             lateral[i] = state[_YAW_RATE] * state[_VX] + (
-                p.m_s * rate[_VY_RATE]
-                + p.m_uf * rate[_AXLES[0].side]
-                + p.m_ur * rate[_AXLES[1].side]
+                p.m_s * rate[_VY] + p.m_uf * rate[_AXLES[0].side] + p.m_ur * rate[_AXLES[1].side]
             ) / (p.m_s + p.m_uf + p.m_ur)
             loads[i] = _loads(p, state)
-    return Motion(yaw_rate, roll, lateral, loads)
+            speeds[i], roll_rate[i] = state[_VX], -state[_ROLL + 1]
+            sideslip[i] = atan2(state[_VY], state[_VX])
+            body[i] = rate[_VY] + state[_YAW_RATE] * state[_VX]
+    return Motion(yaw_rate, roll, lateral, loads, speeds, sideslip, roll_rate, body)
 
 
 def _loads(p: Any, state: Vector) -> list[float]:  # noqa: ANN401
