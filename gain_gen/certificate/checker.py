@@ -251,8 +251,8 @@ def theorem(c: Any, model: Any, claim: Any, _: Any) -> dict[str, Any]:
     moved = [combined(map(number, row), [roll, rate, sent, *w]) for row in model["flow"]]
     terms = [(1, z), (omega * share, sent), (-omega, e), (r * tau, moved[1].times(gain))]
     terms += [(-r / (tau or 1), rate.times(gain) + q.times(-1)), *((-level, each) for each in w)]
-    form = rows(names, roll, rate).transpose() * p * rows(names, *moved)
-    form += form.transpose() + squares(names, terms)
+    form = rows(names, roll, rate).transpose() * (p + p.transpose()) * rows(names, *moved)
+    form += squares(names, terms)
     fine = c["law"] == 1 and not any(c["output_gain"][1:]) and min(tau, r, omega, level) >= 0
     require(fine and positive(p) and positive(form * -1), "the inequality does not hold")
     return {}

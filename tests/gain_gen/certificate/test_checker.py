@@ -201,6 +201,23 @@ def test_mathematics_refuses_what_is_not_proved_with_the_right_digest(certificat
     assert checker.check(signed(mutated))
 
 
+def test_a_matrix_that_is_not_symmetric_proves_no_level():
+    """Of a roll model without control the level is the peak of its frequency response."""
+    frequencies = [0.001 * i for i in range(10_000)]
+    peak = max(1.0 / abs(4.0 - w**2 + 0.8j * w) ** 2 for w in frequencies)
+    c = {"law": 1, "output_gain": [0, 0, 0], "output_gain_shift": 13, "trigger_epsilon_squared": 0}
+    model = {"flow": [["0", "1", "0", "0"], ["-4", "-4/5", "-1", "1"]], "performance": ["1", "0"]}
+    claim = {"delay": "0", "r": "1000", "omega": "1000", "trigger": False}
+
+    def level(square, p):
+        return checker.theorem(c, model, claim | {"gamma_squared": square, "p": p}, None)
+
+    assert 0.1 < peak < 0.42
+    level("21/50", [["13288/10000", "1307/10000"], ["1307/10000", "3322/10000"]])
+    with pytest.raises(ValueError, match="the inequality does not hold"):
+        level("1/10", [["2071/10000", "2588/10000"], ["-6342/10000", "3349/10000"]])
+
+
 def test_positive_definite_matrices():
     assert checker.positive(checker.balls([["2", "1"], ["1", "2"]]))
     assert not checker.positive(checker.balls([["1", "1"], ["1", "1"]]))
