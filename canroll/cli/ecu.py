@@ -29,7 +29,7 @@ from canroll.setup.controller import stage_of
 from canroll.setup.keys import refuse_useless_key, secret_of
 from canroll.studies import recorded_drive
 from canroll.studies.recorded_drive_page import drive_page, reception_table
-from canroll.studies.recursive_estimate import RecursiveEstimate, estimate_table, estimates
+from canroll.studies.recursive_estimate import estimate_table, estimates
 from codegen.generated.mailbox_frame import with_signals
 from codegen.run.backends import Backend, default_backend, open_backend
 from codegen.run.bus_firmware import BusFirmware, with_services
@@ -50,6 +50,7 @@ from plant_sim.can_bus import BusProfile
 from plant_sim.can_bus.network.own_frames import secured
 from plant_sim.can_bus.traffic.log_name import log_name
 from plant_sim.can_bus.traffic.log_reader import read_log, select_channel
+from vehicles import Vehicle
 
 MODES = dbc.names("RollControlStatus", "Mode")
 TRACE_SUFFIX = ".npz"
@@ -271,8 +272,9 @@ def replay_drive(
     """Drive the firmware with a bus log and show its response.
 
     Raises:
-        CanrollError: an unreadable log, or none of its frames.
+        CanrollError: an unreadable log, or none of its frames; no fitted vehicle to compare with.
     """
+    fitted = _fitted(args.fitted, loaded)
     out = page_folder(folder_of(args))
     log = log_name(str(args.replay))
     assert log is not None
@@ -297,7 +299,11 @@ def replay_drive(
             key=key,
             progress=progress,
         )
-    identified = _identified(args.fitted, loaded, drive)
+    identified = (
+        ()
+        if drive.ratios is None
+        else estimates(drive.ratios, loaded.record, loaded.vehicle, fitted)
+    )
     parameters = [
         ("log", str(args.replay)),
         ("calibration", f"{args.calibration} (id {loaded.record.id})"),
@@ -320,21 +326,19 @@ def replay_drive(
     return 0
 
 
-def _identified(
-    path: str | None, loaded: LoadedCalibration, drive: recorded_drive.RecordedDrive
-) -> tuple[RecursiveEstimate, ...]:
-    """Return what the ECU identified, beside the vehicle fitted offline.
+def _fitted(path: str | None, loaded: LoadedCalibration) -> Vehicle | None:
+    """Return the vehicle with a fit to compare with: of a file, else of the calibration, or None.
 
     Raises:
-        CanrollError: there is a fitted vehicle to compare with, but the ECU identifies nothing.
+        CanrollError: the file's vehicle has no fit, or the ECU identifies nothing.
     """
-    if drive.ratios is None:
-        if path is not None:
-            raise CanrollError(
-                f"--fitted: {loaded.path} does not identify: design it with --identification"
-            )
-        return ()
-    fitted = loaded.vehicle if path is None else vehicles.load(path)
-    return estimates(
-        drive.ratios, loaded.record, loaded.vehicle, None if fitted.fit is None else fitted
-    )
+    if path is None:
+        return None if loaded.vehicle.fit is None else loaded.vehicle
+    if not loaded.record.identification:
+        raise CanrollError(
+            f"--fitted: {loaded.path} does not identify: design it with --identification"
+        )
+    vehicle = vehicles.load(path)
+    if vehicle.fit is None:
+        raise CanrollError(f"--fitted: {path} has no [fit]: name the file of 'canroll fit'")
+    return vehicle

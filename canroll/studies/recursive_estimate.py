@@ -55,15 +55,18 @@ def estimates(
         fitted: vehicle fitted offline, or None.
     """
     start = calibrated.design
-    height = "plant.cg_height_above_roll_axis"
-    weight = 0.0 if fitted is None else fitted.plant.sprung_mass * GRAVITY
+    body = start if fitted is None else fitted.plant
     numbers = (
         (
             "roll stiffness less gravity",
             "N·m/rad",
             start.effective_stiffness,
             None if fitted is None else fitted.plant.effective_stiffness,
-            {"plant.roll_stiffness": 1.0, height: -weight},
+            {
+                "plant.roll_stiffness": 1.0,
+                "plant.cg_height_above_roll_axis": -body.sprung_mass * GRAVITY,
+                "plant.sprung_mass": -body.cg_height_above_roll_axis * GRAVITY,
+            },
         ),
         (
             "roll damping",

@@ -25,13 +25,15 @@ def fitted(vehicle):
             "plant.roll_stiffness",
             "plant.cg_height_above_roll_axis",
             "plant.roll_damping",
+            "plant.sprung_mass",
         ],
         "deviations": [
             0.02 * plant.roll_stiffness,
             0.03 * plant.cg_height_above_roll_axis,
             0.05 * plant.roll_damping,
+            0.05 * plant.sprung_mass,
         ],
-        "correlation": [[1.0], [0.9, 1.0], [0.0, 0.0, 1.0]],
+        "correlation": [[1.0], [0.9, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0]],
     }
     return vehicles.from_table(vehicle.document | {"fit": fit}, name=vehicle.name)
 
@@ -91,6 +93,13 @@ def test_a_number_at_its_bound_is_marked(drive):
     assert one.bounded
     assert not other.bounded
     assert one.fitted is None
+
+
+def test_a_vehicle_without_a_fit_is_none_to_compare_with(drive, capsys, tmp_path):
+    folder, _, _ = drive
+    words = ["ecu", "--replay", str(folder / "drive.blf"), "--calibration", str(folder / "c.toml")]
+    assert main([*words, "--fitted", "van_real", "--out", str(tmp_path / "o")]) == 2
+    assert "van_real has no [fit]" in capsys.readouterr().err
 
 
 def test_an_ecu_that_does_not_identify_has_nothing_to_compare(drive, capsys, tmp_path):
