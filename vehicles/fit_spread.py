@@ -119,10 +119,20 @@ def _numbers(values: object, count: int) -> bool:
 
 
 def value_of(vehicle: object, key: str) -> float:
-    """Return the number of a vehicle at a key; the place in a list is the last part of a key."""
+    """Return the number of a vehicle at a key; the place in a list is the last part of a key.
+
+    Raises:
+        AttributeError, IndexError, TypeError, ValueError: it has none there; what follows from its
+            numbers, such as a natural frequency, is none.
+    """
     part: Any = vehicle
     for name in key.split("."):
-        part = part[int(name)] if isinstance(part, tuple) else getattr(part, name)
+        if isinstance(part, tuple):
+            part = part[int(name)]
+        elif name in part.__dataclass_fields__:
+            part = getattr(part, name)
+        else:
+            raise AttributeError(name)
     return float(part)
 
 

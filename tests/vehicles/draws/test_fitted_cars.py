@@ -91,6 +91,10 @@ def test_a_short_file_keeps_the_fit_of_its_base_but_for_its_own_numbers(tmp_path
             "fit.names: the vehicle has no number 'plant.col",
         ),
         ({"names": [*NAMES[:2], "plant"]}, "fit.names: the vehicle has no number 'plant'"),
+        (
+            {"names": [*NAMES[:2], "plant.natural_frequency"]},
+            "fit.names: the vehicle has no number 'plant.natural_frequency'",
+        ),
         ({"deviations": [1.0, 2.0]}, "fit.deviations must be 3 positive numbers"),
         ({"deviations": [1.0, 0.0, 2.0]}, "fit.deviations must be 3 positive numbers"),
         ({"correlation": [[1.0], [0.8, 1.0]]}, "fit.correlation must be 3 rows"),
