@@ -8,10 +8,10 @@ of :mod:`firmware.monitors.response`, nor is a road that tilts both axles. What 
 difference between true and reported moments of one axle less that of the other, in N·m at the
 front axle. It is washed out and low-passed as there, and rests with it, and once the tyres have
 left their linear range: a wheel off the road bears no more load. What the model may be wrong by is
-an eighth of the moments, and what a rough road makes, which tilts one axle after the other: by as
-much as the suspensions have lately moved apart in a short time. Where that is much nothing is
-judged, for wheels leave the ground. Which axle lies it does not tell. A finding lasts until the
-next ``init``.
+a share of the moments and of the lateral force, and what a rough road makes, which tilts one axle
+after the other: by as much as the suspensions have lately moved apart in a short time. Where that
+is much nothing is judged, for wheels leave the ground. Which axle lies it does not tell. A finding
+lasts until the next ``init``.
 """
 
 from firmware.calibration import STATE_MAX, Calibration

@@ -3,8 +3,8 @@
 The body rolls as its suspensions do, and as the wheels do: on their tyres by a small part of it,
 but at once by what the delivered moments change, on a bank slowly, and over bumps one axle after
 the other. So the roll rate is wrong where it is far outside of the interval between the rates of
-both axles, low-passed, for a while. A single wrong
-stroke rate widens the interval and accuses nobody. Once wheels may have left the road it rests.
+both axles, low-passed, for a while. A single wrong stroke rate widens the interval and accuses
+nobody. Once wheels may have left the road it rests.
 
 A gyro that stands still to the last bit while both suspensions change their rates to one side is
 stuck: no motion and no noise does that, at the tyres' limit neither. A finding lasts until the next

@@ -1,7 +1,7 @@
 """The residuals of a car: balances that are zero where the linear car and all sensors are right.
 
-All residuals are moments in N·m, that of heave a force in
-N: the lateral acceleration counts by m h, a roll rate by the roll damping.
+All residuals are moments in N·m, that of heave a force in N: the lateral acceleration counts by
+m h, a roll rate by the roll damping.
 """
 
 from functools import partial
