@@ -13,7 +13,7 @@ def product(a: i32, b: i32, n: i32) -> i32:
 
 def with_share(least: i32, value: i32, share: i32) -> i32:
     """Return ``least`` and a ``share`` of ``value``, rounded to nearest, limited to 31 bits."""
-    return scaled(least * (1 << Q_SHARE) + value * share, Q_SHARE)
+    return shifted(least * (1 << Q_SHARE) + value * share, Q_SHARE)
 
 
 def shifted(v: i64, n: i32) -> i32:

@@ -77,11 +77,14 @@ def compute(state: MachineState, insn: CsInsn, name: str) -> None:
     if name in ("cmp", "cmn", "tst"):
         _compare(state, insn, name)
         return
-    targets = [
-        NUMBER[o.reg]
-        for o in insn.operands
-        if o.type == arm.ARM_OP_REG and o.access & CS_AC_WRITE and o.reg in NUMBER
-    ]
+    # capstone says of a product's factor that is its target too that it is written twice
+    targets = list(
+        dict.fromkeys(
+            NUMBER[o.reg]
+            for o in insn.operands
+            if o.type == arm.ARM_OP_REG and o.access & CS_AC_WRITE and o.reg in NUMBER
+        )
+    )
     value, flags = _result(state, insn, name)
     if not targets:
         return

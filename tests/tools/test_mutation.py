@@ -71,9 +71,9 @@ def test_every_hand_written_module_is_mutated():
 
 def test_a_sample_spreads_over_all_modules():
     found = mutants.all_mutants(mutants.sources())
-    chosen = mutation.sample(found, 120, seed=3)
-    assert len(set(chosen)) == 120
-    assert chosen == mutation.sample(found, 120, seed=3) != mutation.sample(found, 120, seed=5)
+    chosen = mutation.sample(found, 160, seed=3)
+    assert len(set(chosen)) == 160
+    assert chosen == mutation.sample(found, 160, seed=3) != mutation.sample(found, 160, seed=5)
     assert len({mutant.module for mutant in chosen}) >= 0.8 * len({m.module for m in found})
     assert mutation.sample(found, len(found) + 5, seed=0) == found
 

@@ -103,4 +103,4 @@ def test_wrong_input_is_refused_in_one_line(drive, capsys, words, message):
 def test_a_vehicle_is_needed(drive, capsys):
     folder, _ = drive
     assert main(["fit", str(folder / "drive.csv"), "--json"]) == 2
-    assert "--vehicle is missing" in capsys.readouterr().out
+    assert "--vehicle is missing" in capsys.readouterr().err

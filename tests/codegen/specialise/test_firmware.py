@@ -141,7 +141,7 @@ def special(calibration):
 
 @pytest.fixture(scope="module")
 def calibration():
-    return ecu_traffic.random_calibration(4)
+    return ecu_traffic.random_calibration(6)
 
 
 def test_it_is_proved_like_the_general_program(special):
