@@ -201,6 +201,8 @@ def _rare(bus: BusMap) -> Iterator[Case]:
     }
     for fast in (1, 200 << 20):
         yield Case("straight on", _changed(1, **straight | {"fade_high": fast}), quiet)
+    stopped = _zeroed(quiet, bus, RX_VEHICLE_MOTION, "speed")
+    yield Case("standing still", _changed(1, **straight | {"fade_high": 1}), stopped)
     yield from _accused(bus)
     none = EcuTraffic(frames.frames[:0], np.full(2100, FULL, np.int32))
     yield Case("the clock wraps", _changed(3), none)
@@ -293,19 +295,20 @@ def _accused(bus: BusMap) -> Iterator[Case]:
     for response_pass in (ONE, 1 << 24):
         heavy = {**calm, "response_pass": response_pass}
         yield Case("the model is right, or not", _changed(1, **heavy), swaying)
-    still = _standing(random_traffic(1, 240, hostile=0.0, rough=1.0, bus=bus), bus)
+    swaying = random_traffic(1, 240, hostile=0.0, rough=1.0, bus=bus)
+    still = _zeroed(swaying, bus, RX_IMU, "lateral_acceleration")
     for samples in (1, 3):
         counts = dict.fromkeys(COUNTS, samples)
         yield Case("frozen", _changed(1, **quick, **counts, actuator=BARS), still)
 
 
-def _standing(traffic: EcuTraffic, bus: BusMap) -> EcuTraffic:
-    """Traffic whose lateral acceleration stays the same."""
-    box, frames = bus.received[RX_IMU], traffic.frames.copy()
-    for number in np.flatnonzero(frames["message"] == RX_IMU):
+def _zeroed(traffic: EcuTraffic, bus: BusMap, message: int, name: str) -> EcuTraffic:
+    """Traffic in which a signal of a message stays zero."""
+    box, frames = bus.received[message], traffic.frames.copy()
+    for number in np.flatnonzero(frames["message"] == message):
         payload = frames["payload"][number].tolist()
         for signal in box.signals:
-            if signal.place.text == "lateral_acceleration":
+            if signal.place.text == name:
                 for piece in signal.pieces:
                     payload[piece.byte] &= ~((1 << piece.width) - 1 << piece.bit)
         frames["payload"][number] = finished(box, payload, box.count(payload), len(payload))
