@@ -13,9 +13,9 @@ besides. The shares follow from what is stated not to be known (``gain_gen.monit
 
 A wrong lateral acceleration is left over likewise, and differs from yaw rate times speed to the
 same side, which no lie about moments does. As no bank enters the balance, both may be small and the
-washout slow; but it is as quick as the other until little acts: what the body's inertia took of
-it at the start is forgotten by then. What the model may be wrong by is a share of
-what springs, dampers and moments say of the lateral acceleration. Its finding lasts as well.
+washout slow; but it is as quick as the other until little acts: what the body's inertia took of it
+at the start is forgotten by then. What the model may be wrong by is a share of what springs,
+dampers and moments say of the lateral acceleration, and one of the moments. The finding lasts.
 
 Where yaw rate times speed does not differ from it, what is left of the slow balance is what was
 reported wrongly of the moments: one that ran away stays in it, which the quicker washout forgets

@@ -148,12 +148,12 @@ def remainder(a: Any, b: Any, p: Any, channel: Any, tick: Any, ends: Any) -> Any
     step, full = (ends[1] - ends[0]) / cells, part(flow(a, b, tick), n, [n])
     onward, time = flow(a, b, step), arb(step / 2, step / 2)
     state, more = part(flow(a, b, tick - ends[1]), n + 1, [n]), a * a * (a * time).exp()
-    one, beside = (onto * 0 * onto.transpose()).exp(), (a * 0).exp() - g * onto
+    one, complement = (onto * 0 * onto.transpose()).exp(), (a * 0).exp() - g * onto
     out, bow = [arb(0)] * 2, [arb(0)] * 2
     for _ in range(cells + 1):
         at, state = part(state, n, [0]), onward * state
         bend = a * (a * at + b)  # second derivative, in the cell by its series
-        for i, (by, to) in enumerate(((one, onto), (p, beside))):
+        for i, (by, to) in enumerate(((one, onto), (p, complement))):
             out[i] = out[i].max(norm(by, to * (full - at - centre)))
             bent = to * bend + to * (a * bend) * time + to * (more * bend) * (time**2 / 2)
             bow[i] = bow[i].max(norm(by, bent))
