@@ -79,16 +79,20 @@ def of_side(own: i32, other: i32, value: i32, left: i32) -> i32:
     return share(value, other)
 
 
-def watch_lateral_balance(ecu: Ecu, cal: Calibration, left: i32, beside: i32, shown: i32) -> None:
-    """Judge the lateral acceleration by what is ``left`` and by yaw rate times speed.
-
-    ``beside`` is by how much that differs from it, ``shown`` what suspension and moments say of it.
-    """
+def of_shown(ecu: Ecu, cal: Calibration, shown: i32, moment: i32, left: i32) -> i32:
+    """Return what the model may be wrong by in what is ``shown`` of the lateral acceleration."""
     wrong: i32 = of_side(cal.lateral_share[0], cal.lateral_share[1], shown, left)
-    moment: i32 = sat31(ecu.delivered[0] + ecu.delivered[1])
     wrong = sat31(wrong + share(moment, cal.lateral_share[2]))
     if within(ecu, cal.response_limit) == 0:
         wrong = sat31(wrong + share(shown, cal.limit_share[1]))
+    return wrong
+
+
+def watch_lateral_balance(ecu: Ecu, cal: Calibration, left: i32, beside: i32, wrong: i32) -> None:
+    """Judge the lateral acceleration by what is ``left`` and by yaw rate times speed.
+
+    ``beside`` is by how much that differs from it, ``wrong`` what the model may be wrong by.
+    """
     leave_room(ecu, LATERAL, wrong, rsh(cal.response_pass, FADING))
     side: i32 = 0
     if ecu.motion_lost == 0 and (ecu.valid[RX_IMU] & YAW) != 0:
@@ -229,7 +233,8 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     if ecu.response_known == BOTH:
         turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
         beside: i32 = product(turning - ecu.lateral_acceleration, cal.response_lateral, 20)
-        watch_lateral_balance(ecu, cal, wrong, beside, sat31(wrong + by_force))
+        excused: i32 = of_shown(ecu, cal, sat31(wrong + by_force), moment, wrong)
+        watch_lateral_balance(ecu, cal, wrong, beside, excused)
         watch_model(ecu, cal, by_force, wrong)
         may_be: i32 = of_force(ecu, cal, by_force, wrong) + share(moment, cal.steady_share[2])
         watch_steady(ecu, cal, wrong, beside, sat31(may_be + bumpy))
