@@ -16,7 +16,7 @@ from canroll.studies.fault_study import Coverage, JudgedFault
 
 
 def run(args: argparse.Namespace) -> int:
-    """Drive the catalogue and print its table; 1 if anything harmful goes undetected."""
+    """Drive the catalogue and print its table; 1 if harm that could be found goes undetected."""
     out = page_folder(args.out)
     with driven(args, out) as cases:
         answer = fault_study.study(
@@ -61,6 +61,8 @@ def line(fault: JudgedFault) -> str:
     harm = "no harm"
     if seen.harm_after is not None:
         harm = f"{'; '.join(seen.harm)}, harm after {1e3 * seen.harm_after:.0f} ms"
+    if fault.visibility is not None:
+        harm += f"; {fault.visibility.text}"
     return f"{fault.entry.name}: {reaction}{'' if fault.as_expected else expected}; {harm}"
 
 

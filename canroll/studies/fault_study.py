@@ -18,7 +18,8 @@ from canroll.cases.identity import identity
 from canroll.errors import CanrollError
 from canroll.reaction import reaction
 from canroll.reaction.reaction import Reaction
-from canroll.runs.experiment import drive, plan
+from canroll.reaction.visibility import Visibility, visibility
+from canroll.runs.experiment import delay_of, drive, plan
 from canroll.runs.metrics import peak
 from canroll.runs.result import Settings
 from canroll.runs.trace import Trace
@@ -32,6 +33,11 @@ from canroll.studies.fault_catalogue import (
     CatalogueEntry,
     entries,
 )
+from gain_gen.models.task import Task
+from gain_gen.monitors.bank import Bank
+from gain_gen.monitors.detectability import bank_of_calibration
+from gain_gen.monitors.uncertainty import stated
+from plant_sim.can_bus.network.own_frames import bus_map
 from plant_sim.faults import parse
 
 NO_EFFECT = "it changes nothing in this run"
@@ -47,12 +53,15 @@ class JudgedFault:
         reaction: reaction of the ECU; None where the fault could not be driven.
         roll_max_deg: largest roll angle with control.
         no_verdict: why there is no verdict, or "".
+        visibility: how visible to the residuals what did harm undetected was; None where nothing
+            did, or this bus and plant do not say.
     """
 
     entry: CatalogueEntry
     reaction: Reaction | None
     roll_max_deg: float | None
     no_verdict: str
+    visibility: Visibility | None = None
 
     @property
     def detected(self) -> bool:
@@ -78,6 +87,11 @@ class JudgedFault:
         return self.harmful and not self.detected
 
     @property
+    def missed(self) -> bool:
+        """Whether harm was done undetected that could have been found, or may have been."""
+        return self.undetected_harm and (self.visibility is None or self.visibility.sure)
+
+    @property
     def as_expected(self) -> bool | None:
         """Whether the reaction is the expected one; None without a verdict."""
         if self.no_verdict or self.reaction is None:
@@ -99,6 +113,7 @@ class JudgedFault:
             "as_expected": self.as_expected,
             "no_verdict": self.no_verdict,
             "roll_max_deg": self.roll_max_deg,
+            "visibility": None if self.visibility is None else asdict(self.visibility),
             "reaction": None if self.reaction is None else self.reaction.to_json(),
         }
 
@@ -169,6 +184,9 @@ class FaultStudy:
             f"{every.detected} of {every.judged} faults detected, {every.harmful} harmful, "
             f"{every.undetected_harm} harmful and undetected"
         )
+        if self.undetected:
+            sure = sum(fault.missed for fault in self.undetected)
+            text += f", {sure or 'none'} of them large enough to be found for certain"
         rest = every.faults - every.judged
         text += f"; {rest} without verdict" if rest else ""
         if self.reference.harm:
@@ -180,8 +198,8 @@ class FaultStudy:
 
     @property
     def exit_code(self) -> int:
-        """1 where anything harmful goes undetected, or there is a false alarm."""
-        return 1 if self.undetected or self.false_alarm else 0
+        """1 where harm that could be found goes undetected, or there is a false alarm."""
+        return int(any(fault.missed for fault in self.undetected) or self.false_alarm)
 
     def to_json(self) -> dict[str, Any]:
         """Return the object printed by ``canroll faults --json``."""
@@ -231,6 +249,22 @@ class StudiedLoop:
     controller: PreparedController
     passive: Trace
     healthy: Trace
+    bank: Bank | None
+
+
+def residuals_of(settings: Settings, controller: PreparedController) -> Bank | None:
+    """Return the residuals of a controller; None where a run does not say all that they need."""
+    if bus_map(settings.profile) is not None or settings.plant != "nonlinear":
+        return None
+    task = Task(
+        controller.vehicle,
+        delay_of(settings),
+        tick=controller.tick,
+        actuator=controller.actuator,
+        observer=controller.observer,
+    )
+    box = stated(controller.tables.get("uncertainty", {}))
+    return bank_of_calibration(controller.record, task, box)
 
 
 def judge(loop: StudiedLoop, entry: CatalogueEntry) -> JudgedFault:
@@ -241,11 +275,16 @@ def judge(loop: StudiedLoop, entry: CatalogueEntry) -> JudgedFault:
     except CanrollError as error:
         return JudgedFault(entry, None, None, str(error))
     observed = reaction.observe(trace, loop.passive, parse(entry.faults), loop.healthy)
+    visible = None
+    if observed.undetected_harm and observed.start is not None and loop.bank is not None:
+        vehicle = loop.controller.vehicle
+        visible = visibility(trace, loop.healthy, loop.bank, vehicle, observed.start)
     return JudgedFault(
         entry,
         observed,
         float(np.degrees(peak(trace.signals["roll"]))),
         observed.no_verdict or (NO_EFFECT if _same(trace, loop.healthy) else ""),
+        visible,
     )
 
 
@@ -282,6 +321,7 @@ def study(
     passive = drive(settings, controller, enabled=False)
     healthy = drive(settings, controller, enabled=True)
     study = cases.of(identity(settings, controller) | {"faults": chosen})
-    loop = study.engine.common(StudiedLoop(settings, controller, passive, healthy))
+    bank = residuals_of(settings, controller)
+    loop = study.engine.common(StudiedLoop(settings, controller, passive, healthy, bank))
     faults = study.rows("faults", judge, [(loop, entry) for entry in chosen])
     return FaultStudy(settings, reaction.observe(healthy, passive, ()), tuple(faults))

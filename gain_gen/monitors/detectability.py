@@ -112,14 +112,18 @@ class Detectable:
         }
 
 
+def bank_of_calibration(record: Calibration, task: Task, box: Uncertainty = DEFAULT) -> Bank:
+    """Return the residuals of the signals that the loop of a calibration waits for."""
+    waits = record.timeout_ticks
+    moments = task.actuator in ("suspension", "bars") and waits[RX_ACTUATOR_STATE] > 0
+    return bank_of(task, box, suspension=waits[RX_SUSPENSION_RATE] > 0, moments=moments)
+
+
 def of_calibration(
     record: Calibration, task: Task, box: Uncertainty = DEFAULT
 ) -> tuple[Detectable, ...]:
     """Return what can be found with the signals that the loop of a calibration waits for."""
-    waits = record.timeout_ticks
-    moments = task.actuator in ("suspension", "bars") and waits[RX_ACTUATOR_STATE] > 0
-    bank = bank_of(task, box, suspension=waits[RX_SUSPENSION_RATE] > 0, moments=moments)
-    return detectable(bank, task.vehicle)
+    return detectable(bank_of_calibration(record, task, box), task.vehicle)
 
 
 def detectable(bank: Bank, vehicle: Vehicle) -> tuple[Detectable, ...]:
