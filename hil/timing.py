@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.runs.phase import received_by_ecu
 from codegen.run.bus_firmware import BusFirmware, built_in
 from firmware.event_trigger import command_slot
 from firmware.state import RX_IMU
 from hil.hardware import bus_record
 from hil.tick_trace import TickTrace
+from plant_sim.world.received import received_by_ecu
 
 QUANTILES = {"min": 0.0, "p50": 0.5, "p99": 0.99, "p99.9": 0.999, "max": 1.0}
 ROWS = {

@@ -7,17 +7,19 @@ may be found or not. The errors are those of what was received in a run; no moni
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 import dbc
-from canroll.runs.phase import received_by_ecu
-from canroll.runs.trace import Trace
+from canroll.reaction.reaction import ObservedTrace
 from canroll.typing import Vector
 from gain_gen.monitors.bank import MEAN, STEP, Bank, Residual, ticks_of
 from gain_gen.monitors.noise import response
 from plant_sim.nodes.sensors import PER_UNIT
+from plant_sim.world.received import received_by_ecu
+from plant_sim.world.spool import Table
 from vehicles import GRAVITY, Vehicle
 
 Signals = Mapping[str, Vector]
@@ -42,6 +44,14 @@ WOULD_FIND = {
     **dict.fromkeys(("stroke_front", "stroke_rear", "heave_front", "heave_rear"), "a roll angle"),
 }
 """What would find an error of a signal that no residual is sure to find."""
+
+
+class LoggedTrace(ObservedTrace, Protocol):
+    """A record of a run with its bus log."""
+
+    @property
+    def frames(self) -> Table:
+        """The bus log, one entry per frame and segment."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +85,7 @@ class Visibility:
 
 
 def visibility(
-    trace: Trace, healthy: Trace, bank: Bank, vehicle: Vehicle, start: float
+    trace: LoggedTrace, healthy: LoggedTrace, bank: Bank, vehicle: Vehicle, start: float
 ) -> Visibility:
     """Return how visible what was received wrongly from ``start`` (s) on is to a bank.
 
@@ -191,7 +201,7 @@ def truth(signals: Signals, vehicle: Vehicle) -> dict[str, Vector]:
 
 
 def measured_and_errors(
-    trace: Trace, vehicle: Vehicle, start: float
+    trace: LoggedTrace, vehicle: Vehicle, start: float
 ) -> tuple[dict[str, Vector], dict[str, Vector]]:
     """Return the signals of a bank as received by each tick, and by what they are wrong.
 

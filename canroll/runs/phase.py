@@ -4,7 +4,6 @@ An ECU with a free-running clock can have any phase; one locked to the sensor ke
 set to. The phase decides the age of a sample when used, between zero and one cycle of the sensor.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +11,8 @@ from numpy.typing import NDArray
 
 import dbc
 from canroll.errors import CanrollError
-from codegen.generated.mailbox import EXTENDED
-from plant_sim.can_bus import DELIVERED, ECU
+from plant_sim.can_bus import ECU
+from plant_sim.world.received import received_blocks, received_on, segment_of_ecu
 from plant_sim.world.spool import Table, blocks
 from plant_sim.world.world import World
 
@@ -95,7 +94,7 @@ def earliest_arrival_ns(world: World) -> int:
             f"chosen within the contract's {IMU_PERIOD_NS / 1e6:g} ms; omit --phase"
         )
     world.advance(LISTEN_NS)
-    imu = _received(world.frames, segment, world.imu_ident)
+    imu = received_on(world.frames, segment, world.imu_ident)
     if not len(imu):
         raise CanrollError("no Imu frame reaches the ECU: the phase of its ticks is undefined")
     responses = imu["t_received"] - imu["t_origin"]
@@ -117,7 +116,7 @@ def measured(ticks: NDArray[np.float64], frames: Table, imu: int = IMU) -> Phase
     """
     if not any(np.any(block["sender"] == ECU) for block in blocks(frames)):
         return None
-    arrivals = [part["t_received"] for part in _parts(frames, _segment_of_ecu(frames), imu)]
+    arrivals = [part["t_received"] for part in received_blocks(frames, segment_of_ecu(frames), imu)]
     received = np.sort(np.concatenate(arrivals)) * 1e-9
     newest = np.searchsorted(received, ticks + 1e-12, side="right") - 1
     heard = newest >= 0
@@ -125,29 +124,3 @@ def measured(ticks: NDArray[np.float64], frames: Table, imu: int = IMU) -> Phase
         return None
     since = ticks[heard] - received[newest[heard]]
     return Phase(float(since.min()), float(since.mean()), float(since.max()))
-
-
-def received_by_ecu(frames: Table, imu: int = IMU) -> NDArray[np.void]:
-    """Return the Imu frames of a bus log that reached the ECU.
-
-    The ECU's segment is the one it sends on, or the first if it has sent nothing.
-    """
-    return _received(frames, _segment_of_ecu(frames), imu)
-
-
-def _segment_of_ecu(frames: Table) -> int:
-    for block in blocks(frames):
-        own = block["segment"][block["sender"] == ECU]
-        if len(own):
-            return int(own[0])
-    return 0
-
-
-def _received(frames: Table, segment: int, imu: int) -> NDArray[np.void]:
-    return np.concatenate([np.zeros(0, frames.dtype), *_parts(frames, segment, imu)])
-
-
-def _parts(frames: Table, segment: int, imu: int) -> Iterator[NDArray[np.void]]:
-    for block in blocks(frames):
-        delivered = (block["ident"] == imu & ~EXTENDED) & (block["outcome"] == DELIVERED)
-        yield block[delivered & (block["segment"] == segment)]
