@@ -4,12 +4,11 @@ What is left over of their balances, what of it noise and the stated uncertainti
 how long: the residuals of :mod:`gain_gen.monitors.residuals`, in fixed point.
 """
 
-from collections.abc import Iterable
 from dataclasses import replace
-from math import ceil, pi
+from math import pi
 
 from firmware import calibration as fw
-from gain_gen.calibration.rows import quantise
+from gain_gen.calibration.rows import quantise, shares
 from gain_gen.models.task import Task
 from gain_gen.monitors.bank import LOW_PASS, Residual, ticks_of
 from gain_gen.monitors.linear_car import axle_forces, car_of, effective_inertia, rolled
@@ -73,15 +72,6 @@ def response_fields(task: Task, box: Uncertainty) -> Fields:
 def coefficient(value: float, name: str) -> int:
     """Return a coefficient with 10 fractional bits."""
     return quantise(value, 10, -fw.COEFFICIENT, fw.COEFFICIENT, name=name)
-
-
-def shares(values: Iterable[float], name: str) -> list[int]:
-    """Return shares in their format, rounded up."""
-    unit = 2.0**fw.Q_SHARE
-    return [
-        quantise(ceil(value * unit) / unit, fw.Q_SHARE, 0, fw.SHARE_MAX, name=name)
-        for value in values
-    ]
 
 
 def moment(value: float) -> int:
