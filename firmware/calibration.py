@@ -353,8 +353,14 @@ class Calibration:
     ]
     response_share: Annotated[
         list[i32],
-        5,
-        F(0, SHARE_MAX, Q_SHARE, "", "of side force, springs, dampers, moments, inertia besides"),
+        6,
+        F(
+            0,
+            SHARE_MAX,
+            Q_SHARE,
+            "",
+            "of side force, springs, dampers, moments, inertia besides; of an axle's moment",
+        ),
     ]
     response_late: Annotated[
         list[i32],
@@ -421,9 +427,9 @@ class Calibration:
     axles_stretch: Annotated[
         list[i32], 2, F(0, COEFFICIENT, 10, "N·s/m", "moment of springs and tyres a tick")
     ]
-    axles_damping: Annotated[i32, F(0, COEFFICIENT, 10, "", "damping moment over that")]
+    axles_damping: Annotated[list[i32], 2, F(0, COEFFICIENT, 10, "", "damping moment over that")]
     axles_side: Annotated[
-        i32, F(0, COEFFICIENT, 10, "kg·m", "moment by a_y that may be wrong: roll centres, mass")
+        i32, F(0, COEFFICIENT, 10, "kg·m", "moment by a_y that may be left over besides")
     ]
     axles_rough: Annotated[
         i32, F(0, COEFFICIENT, 10, "", "moment that a rough road may make over that")

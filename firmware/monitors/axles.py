@@ -7,28 +7,30 @@ acceleration. Mass and height of the body are not in this balance, by far the la
 of :mod:`firmware.monitors.response`, nor is a road that tilts both axles. What is left of it is the
 difference between true and reported moments of one axle less that of the other, in N·m at the
 front axle. It is washed out and low-passed as there, and rests with it, and once the tyres have
-left their linear range: a wheel off the road bears no more load. What the model may be wrong by is
-a share of the moments and of the lateral force, and what a rough road makes, which tilts one axle
-after the other: by as much as the suspensions have lately moved apart in a short time. Where that
-is much nothing is judged, for wheels leave the ground. Which axle lies it does not tell. A finding
-lasts until the next ``init``.
+left their linear range: a wheel off the road bears no more load. Springs, dampers and tyres bear no
+more than what acts, so that what the model may be wrong by is a share of the lateral force and of
+the moments, which sound axles turn to one side, washed out alike; and what a rough road makes,
+which tilts one axle after the other: by as much as the suspensions have lately moved apart in a
+short time. Where that is much nothing is judged, for wheels leave the ground. Which axle lies it
+does not tell. A finding lasts until the next ``init``.
 """
 
-from firmware.calibration import STATE_MAX, Calibration
-from firmware.fixed_point import product
+from firmware.calibration import Q_SHARE, STATE_MAX, Calibration
+from firmware.fixed_point import product, shifted
 from firmware.monitors.balance import (
+    ACTUATORS,
     AXLES,
     accuse_axles,
+    at_once,
     leave_room,
     left_over,
-    share,
     start_balance,
     stretch,
 )
 from firmware.monitors.redundancy import magnitude
 from firmware.monitors.rolling import within
 from firmware.state import Ecu
-from firmware.subset import i32, rsh, sat31
+from firmware.subset import i32, i64, rsh, sat31
 
 
 def comparable(ecu: Ecu, cal: Calibration) -> i32:
@@ -48,21 +50,26 @@ def watch_axles(ecu: Ecu, cal: Calibration) -> None:
     front: i32 = product(ecu.stroke_rate[0] - ecu.stroke_rate[1], cal.axles_stretch[0], 23)
     rear: i32 = product(ecu.stroke_rate[2] - ecu.stroke_rate[3], cal.axles_stretch[1], 23)
     stretched: i32 = sat31(front - rear)
-    damping: i32 = product(stretched, cal.axles_damping, 10)
+    damping: i32 = shifted(front * cal.axles_damping[0] - rear * cal.axles_damping[1], 10)
     of_rear: i32 = product(ecu.delivered[1], cal.axles_rear, 28)
     lateral: i32 = product(ecu.lateral_acceleration, cal.axles_lateral, 20)
     momentum: i32 = product(ecu.yaw_rate, cal.axles_yaw, 23)
     acting: i32 = sat31(damping + lateral + of_rear - ecu.delivered[0])
+    both: i32 = sat31(ecu.delivered[0] + of_rear)
+    by_lateral: i32 = product(ecu.lateral_acceleration, cal.axles_side, 20)
     if ecu.axles_known == 0:
         ecu.axles_known = 1
         start_balance(ecu, AXLES, acting, momentum)
+        ecu.balance_past[AXLES] = by_lateral
+        ecu.balance_past[ACTUATORS] = both
     left: i32 = left_over(ecu, cal, AXLES, acting, momentum)
     stretch(ecu, AXLES, stretched)
-    rough: i32 = product(magnitude(stretched), cal.axles_rough, 10)
-    moments: i32 = sat31(magnitude(ecu.delivered[0]) + magnitude(of_rear))
-    by_side: i32 = magnitude(product(ecu.lateral_acceleration, cal.axles_side, 20))
-    wrong: i32 = sat31(rough + share(moments, cal.response_share[3]) + by_side)
-    leave_room(ecu, AXLES, wrong, rsh(cal.response_wash[2], 1))
+    wash: i32 = cal.response_wash[2]
+    by_side: i32 = magnitude(at_once(ecu, AXLES, by_lateral, wash))
+    moments: i32 = magnitude(at_once(ecu, ACTUATORS, both, wash))
+    shares: i64 = cal.response_share[5] * moments + cal.axles_rough * magnitude(stretched)
+    wrong: i32 = sat31(shifted(shares, Q_SHARE) + by_side)
+    leave_room(ecu, AXLES, wrong, rsh(wash, 1))
     limit: i32 = ecu.balance_room[AXLES] + cal.axles_min
     if ecu.balance_room[AXLES] > cal.axles_rest:
         limit = STATE_MAX

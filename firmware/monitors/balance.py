@@ -94,6 +94,8 @@ def mean_change(ecu: Ecu, which: i32, value: i32) -> i32:
 
     What samples that come early, late, twice or not at all are wrong by follows it.
     """
+    # it starts low: until it is known the shares of springs, dampers and unequal strokes on such a
+    # road, and the least force for heave, are more than what adds up
     change: i32 = magnitude(at_once(ecu, which, value, ONE))
     mean: i32 = ecu.balance_room[which]
     mean = clamp(mean - rsh(mean, MEAN) + rsh(change, MEAN), 0, STATE_MAX)

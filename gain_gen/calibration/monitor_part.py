@@ -9,6 +9,7 @@ from math import ceil
 
 import dbc
 from firmware import calibration as fw
+from gain_gen.calibration.rows import shares
 from gain_gen.laws import WITHOUT_ROLL_RATE
 from gain_gen.models.task import Task
 from gain_gen.monitors.residuals import LATERAL_TIME, LINEAR, lateral_gap
@@ -55,7 +56,7 @@ def monitor_fields(task: Task, box: Uncertainty) -> dict[str, int | list[int]]:
         gap = 0.0
     return {
         "redundancy_min": round(gap * 2.0**fw.Q_ACCELERATION),
-        "redundancy_share": round(share * 2.0**fw.Q_SHARE),
+        "redundancy_share": shares([share], "redundancy_share")[0],
         "redundancy_limit": round(LINEAR * 2.0**fw.Q_ACCELERATION),
         "opposite_min": round(OPPOSITE * 2.0**fw.Q_ACCELERATION),
         "apart_samples": max(2, round(LATERAL_TIME / imu)),
@@ -66,7 +67,7 @@ def monitor_fields(task: Task, box: Uncertainty) -> dict[str, int | list[int]]:
         "delivery_window": min(ceil((task.delay.most + LAGS) / state), 1000),
         "delivery_samples": DELIVERY_SAMPLES,
         "delivery_min": round(edge * 2.0**fw.Q_MOMENT),
-        "delivery_share": round(box.moment * 2.0**fw.Q_SHARE),
+        "delivery_share": shares([box.moment], "delivery_share")[0],
     }
 
 

@@ -4,17 +4,23 @@ What is left over of their balances, what of it noise and the stated uncertainti
 how long: the residuals of :mod:`gain_gen.monitors.residuals`, in fixed point.
 """
 
-from collections.abc import Iterable
 from dataclasses import replace
-from math import ceil, pi
+from math import pi
 
 from firmware import calibration as fw
-from gain_gen.calibration.rows import quantise
+from gain_gen.calibration.rows import quantise, shares
 from gain_gen.models.task import Task
 from gain_gen.monitors.bank import LOW_PASS, Residual, ticks_of
 from gain_gen.monitors.linear_car import axle_forces, car_of, effective_inertia, rolled
 from gain_gen.monitors.noise import late
-from gain_gen.monitors.residuals import AXLES, FAST, HEAVE_TIME, SLOW, bank_of
+from gain_gen.monitors.residuals import (
+    AXLES,
+    FAST,
+    HEAVE_TIME,
+    MAY_BE_WRONG,
+    SLOW,
+    bank_of,
+)
 from gain_gen.monitors.shares import of_lateral, of_moments
 from gain_gen.monitors.uncertainty import NOMINAL, Uncertainty, vertices
 from vehicles import Vehicle
@@ -63,9 +69,9 @@ def response_fields(task: Task, box: Uncertainty) -> Fields:
     residuals = {residual.name: residual for residual in bank.residuals}
     fields = (
         _rolling(task, box, (residuals["gyro, front"], residuals["gyro, rear"]))
-        | _body(task, box, residuals["body, fast"], residuals["body, slow"])
+        | _body(task, box, *(residuals[name] for name in ("body, fast", "body, slow", "axles")))
         | _model(task.vehicle, task.tick)
-        | _axles(task, box, residuals["axles"])
+        | _axles(task, box, residuals["axles"], bank.parts[MAY_BE_WRONG].gains["lateral"])
     )
     return fields | _heave(task, box, residuals.get("heave"))
 
@@ -73,15 +79,6 @@ def response_fields(task: Task, box: Uncertainty) -> Fields:
 def coefficient(value: float, name: str) -> int:
     """Return a coefficient with 10 fractional bits."""
     return quantise(value, 10, -fw.COEFFICIENT, fw.COEFFICIENT, name=name)
-
-
-def shares(values: Iterable[float], name: str) -> list[int]:
-    """Return shares in their format, rounded up."""
-    unit = 2.0**fw.Q_SHARE
-    return [
-        quantise(ceil(value * unit) / unit, fw.Q_SHARE, 0, fw.SHARE_MAX, name=name)
-        for value in values
-    ]
 
 
 def moment(value: float) -> int:
@@ -120,10 +117,11 @@ def _rolling(task: Task, box: Uncertainty, gyro: tuple[Residual, Residual]) -> F
     }
 
 
-def _body(task: Task, box: Uncertainty, fast: Residual, slow: Residual) -> Fields:
+def _body(task: Task, box: Uncertainty, fast: Residual, slow: Residual, axles: Residual) -> Fields:
     """Return what the balances of the body may have left over, and for how long."""
     weights = {term.part.removesuffix(", fast"): term.weight for term in fast.terms}
     parts = [weights[name] for name in ("side", "springs", "dampers", "moments", "momentum")]
+    parts.append(next(term.weight for term in axles.terms if term.part == "front moment"))
     roll, ticks = task.vehicle.design, ticks_of(fast.time, task.tick)
     # of the springs' change by samples that are lost, by that of the dampers' moment
     by_damping = suspension_roll_stiffness(task.vehicle) / roll.roll_damping
@@ -168,16 +166,19 @@ def _model(vehicle: Vehicle, tick: float) -> Fields:
     }
 
 
-def _axles(task: Task, box: Uncertainty, residual: Residual) -> Fields:
-    """Return the fields of the axles monitor: moments of the rear as of the front axle's tyres."""
+def _axles(task: Task, box: Uncertainty, residual: Residual, by_lateral: float) -> Fields:
+    """Return the fields of the axles monitor: moments of the rear as of the front axle's tyres.
+
+    ``by_lateral`` is what may be wrong per lateral acceleration, kg·m.
+    """
     car = car_of(task.vehicle)
     scale, tyres = car.scale, car.tyres
     springs = [
         factor * (share * car.stiffness + tyre)
         for factor, share, tyre in zip(scale, car.shares, tyres, strict=True)
     ]
-    damping = car.dampers[0] + scale[1] * car.dampers[1]
-    lateral, yaw, carried = axle_forces(task.vehicle, scale)
+    dampers = [factor * damper for factor, damper in zip(scale, car.dampers, strict=True)]
+    lateral, yaw = axle_forces(task.vehicle, scale)
     return {
         "axles_ticks": ticks_of(residual.time, task.tick),
         "axles_min": moment(residual.floor),
@@ -187,10 +188,11 @@ def _axles(task: Task, box: Uncertainty, residual: Residual) -> Fields:
             coefficient(task.tick * stiffness / track, "axles_stretch")
             for stiffness, track in zip(springs, car.tracks, strict=True)
         ],
-        "axles_damping": coefficient(damping / sum(springs) / task.tick, "axles_damping"),
-        "axles_side": coefficient(
-            box.mass * abs(lateral) + box.roll_centre * carried, "axles_side"
-        ),
+        "axles_damping": [
+            coefficient(damper / stiffness / task.tick, "axles_damping")
+            for damper, stiffness in zip(dampers, springs, strict=True)
+        ],
+        "axles_side": coefficient(by_lateral, "axles_side"),
         "axles_rough": coefficient(box.bump / task.tick, "axles_rough"),
         "axles_rear": quantise(scale[1], 28, 0, 4 << 28, name="axles_rear"),
         "axles_lateral": coefficient(lateral, "axles_lateral"),

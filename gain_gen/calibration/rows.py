@@ -1,6 +1,8 @@
 """Fixed-point rows: the largest shift that a row of coefficients and its 64-bit sum allow."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 
@@ -10,6 +12,8 @@ from firmware.calibration import (
     Q_ACCELERATION,
     Q_ANGLE,
     Q_RATE,
+    Q_SHARE,
+    SHARE_MAX,
     STATE_MAX,
 )
 from gain_gen.models.roll import Matrix
@@ -88,3 +92,15 @@ def quantise(value: float, q: int, lo: int, hi: int, *, name: str) -> int:
             f"{name}: {value:.6g} is outside {lo * 2.0**-q:.6g} to {hi * 2.0**-q:.6g}"
         )
     return stored
+
+
+def shares(values: Iterable[float], name: str) -> list[int]:
+    """Return shares in their format, rounded up.
+
+    Raises:
+        CanrollError: outside the field's range.
+    """
+    unit = 2.0**Q_SHARE
+    return [
+        quantise(ceil(value * unit) / unit, Q_SHARE, 0, SHARE_MAX, name=name) for value in values
+    ]

@@ -13,6 +13,8 @@ from vehicles import GRAVITY, Vehicle
 from vehicles.roll_stiffness import axle_roll_shares, steady_roll, suspension_roll_stiffness
 
 Gain = Callable[[Factors], float]
+Pair = tuple[float, float]
+"""Front and rear."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,19 +148,27 @@ def steering_deviation(car: Car, box: Uncertainty) -> float:
     )
 
 
-def axle_forces(vehicle: Vehicle, scale: tuple[float, float]) -> tuple[float, float, float]:
-    """Return what lateral (kg·m) and yaw acceleration (kg·m²) make of the axles' difference.
-
-    The third number is what the lateral acceleration makes of it per height of both roll centres,
-    moved apart (kg).
-    """
+def axle_masses(vehicle: Vehicle) -> tuple[Pair, Pair]:
+    """Return sprung and unsprung masses of the front and the rear axle, kg."""
     geometry, mass = vehicle.geometry, vehicle.mass
-    heights = geometry.roll_centre_height_front, geometry.roll_centre_height_rear
+    per_length = vehicle.total_mass / geometry.wheelbase
     unsprung = mass.unsprung_front, mass.unsprung_rear
-    moments, carried = [], 0.0
-    for axle, other in enumerate((geometry.cg_to_rear_axle, geometry.cg_to_front_axle)):
-        sprung = vehicle.total_mass * other / geometry.wheelbase - unsprung[axle]
-        carried += scale[axle] * sprung
-        moments.append(sprung * heights[axle] + unsprung[axle] * vehicle.tyre.radius)
-    arm = (heights[0] + scale[1] * heights[1]) / geometry.wheelbase
-    return moments[0] - scale[1] * moments[1], arm * mass.yaw_inertia, carried
+    front = per_length * geometry.cg_to_rear_axle - unsprung[0]
+    return (front, per_length * geometry.cg_to_front_axle - unsprung[1]), unsprung
+
+
+def roll_centres(vehicle: Vehicle) -> Pair:
+    """Return the heights of the roll centres, m."""
+    geometry = vehicle.geometry
+    return geometry.roll_centre_height_front, geometry.roll_centre_height_rear
+
+
+def axle_forces(vehicle: Vehicle, scale: Pair) -> Pair:
+    """Return what lateral (kg·m) and yaw acceleration (kg·m²) make of the axles' difference."""
+    heights = roll_centres(vehicle)
+    front, rear = (
+        sprung * height + unsprung * vehicle.tyre.radius
+        for sprung, unsprung, height in zip(*axle_masses(vehicle), heights, strict=True)
+    )
+    arm = (heights[0] + scale[1] * heights[1]) / vehicle.geometry.wheelbase
+    return front - scale[1] * rear, arm * vehicle.mass.yaw_inertia

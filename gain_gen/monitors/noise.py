@@ -15,8 +15,6 @@ from vehicles.equipment import SensorChannel
 
 OF_STEPS = sqrt(pi / 2.0)
 """Standard deviation of steps by their mean magnitude: a lost sample is wrong by a step."""
-OF_RATE = sqrt(pi) / 2.0
-"""Standard deviation of white noise by the mean magnitude of its steps: a road's rate."""
 FASTEST = 30.0
 """Speed at which yaw rate becomes lateral acceleration, m/s: the largest of the fault-free runs."""
 

@@ -8,6 +8,7 @@ from functools import partial
 from math import inf, sin
 
 from gain_gen.models.task import Task
+from gain_gen.monitors.axle_shares import of_axles
 from gain_gen.monitors.bank import (
     DERIVATIVE,
     DIRECT,
@@ -33,7 +34,7 @@ from gain_gen.monitors.linear_car import (
     steering_deviation,
     tilted,
 )
-from gain_gen.monitors.noise import FASTEST, OF_RATE, floor, late, walk
+from gain_gen.monitors.noise import FASTEST, floor, late
 from gain_gen.monitors.uncertainty import NOMINAL, Uncertainty, vertices
 from vehicles import GRAVITY, Vehicle
 
@@ -41,6 +42,7 @@ SLOW, FAST, AXLES = 0.0125, 0.8, 0.2
 """Corners of the washouts, Hz: of the body twice, of the axles."""
 LATERAL_TIME, GYRO_TIME, HEAVE_TIME = 0.08, 0.05, 1.0
 """How long without a break, s; of the body two time constants of the low-pass and a tick."""
+MAY_BE_WRONG = "lateral force that may be wrong"
 SLOWEST = 20.0
 """Speed above which a bump is shorter than the axles' time: both axles have passed it, m/s."""
 LINEAR = 5.0
@@ -295,7 +297,9 @@ class Builder:
         """Add the tyres of one axle against the other's, as moments on the front's.
 
         The body is rigid in roll: its suspensions roll apart only as their tyres do, which bear
-        springs, dampers and moment of their axle and the lateral force at its roll centre.
+        springs, dampers and moment of their axle and the lateral force at its roll centre. On a
+        road the axles differ by what it rises between them, which their rates apart make within the
+        time of a bump.
         """
         car, box = self.car, self.box
         vehicle, scale = car.vehicle, car.scale
@@ -303,7 +307,8 @@ class Builder:
             factor * car.stiffness * share for factor, share in zip(scale, car.shares, strict=True)
         ]
         tyre = car.tyres[0]
-        lateral, yaw, carried = axle_forces(vehicle, scale)
+        lateral, yaw = axle_forces(vehicle, scale)
+        by_lateral, by_moment = of_axles(car, box)
         stretch = self.part(
             ResidualPart(
                 "suspensions and tyres apart",
@@ -314,7 +319,10 @@ class Builder:
         )
         bump = self.part(
             ResidualPart(
-                "rate apart", DIRECT, gains=self.strokes((tyre, -tyre), box.bump), washout=AXLES
+                "rate apart",
+                DIRECT,
+                gains=self.strokes((springs[0] + tyre, -springs[1] - tyre), box.bump),
+                washout=AXLES,
             )
         )
         damped = self.part(
@@ -330,9 +338,12 @@ class Builder:
                 "forces at the roll centres", DIRECT, gains={"lateral": lateral}, washout=AXLES
             )
         )
-        centres = self.part(
+        by_side = self.part(
             ResidualPart(
-                "roll centres", DIRECT, gains={"lateral": carried * box.roll_centre}, washout=AXLES
+                MAY_BE_WRONG,
+                DIRECT,
+                gains={"lateral": by_lateral},
+                washout=AXLES,
             )
         )
         front = self.part(
@@ -344,27 +355,15 @@ class Builder:
         turned = self.part(
             ResidualPart("yaw at the roll centres", DERIVATIVE, gains={"yaw_rate": yaw / LOW_PASS})
         )
-        road = self.part(
-            ResidualPart(
-                "steps apart",
-                STEP,
-                gains=self.strokes(
-                    (tyre, -tyre),
-                    walk(ResidualPart("", INTEGRAL, {}, AXLES), box, self.tick, OF_RATE),
-                ),
-                low_pass=MEAN,
-            )
-        )
         terms = [
-            Term(stretch, 1, max(box.tyre, box.stiffness)),
+            Term(stretch, 1, 0.0),
+            Term(damped, 1, 0.0),
+            Term(side, 1, 0.0),
+            Term(turned, 1, 0.0),
+            Term(front, -1, by_moment),
+            Term(rear, 1, by_moment),
+            Term(by_side, 0, 1.0),
             Term(bump, 0, 1.0),
-            Term(damped, 1, box.damping),
-            Term(side, 1, box.mass),
-            Term(centres, 0, 1.0),
-            Term(front, -1, box.moment),
-            Term(rear, 1, box.moment),
-            Term(turned, 1, box.mass),
-            Term(road, 0, 1.0),
         ]
         self.residual("axles", terms, time=self.axle_time, limit=self.on_road)
 
@@ -387,10 +386,11 @@ class Builder:
                 low_pass=MEAN,
             )
         )
-        mass = (1.0 + box.mass) * self.car.vehicle.design.sprung_mass
+        # what softer springs carry makes them give way more than stiffness as designed for explains
+        mass = (1.0 + box.mass) * self.car.vehicle.design.sprung_mass / (1.0 - box.stiffness)
         self.residual(
             "heave",
-            [Term(carried, 1, box.stiffness), Term(steps, 0, 1.0)],
+            [Term(carried, 1, 0.0), Term(steps, 0, 1.0)],
             time=HEAVE_TIME,
             besides=box.hill * mass,
         )

@@ -34,14 +34,14 @@ def watched() -> fw.Calibration:
     cal.axles_ticks = 20
     cal.response_pass = round(STEP / LOW_PASS * 2**30)
     cal.response_wash = [0, 0, round(STEP * WASHOUT * 2**30)]
-    cal.response_share[3] = round(OF_MOMENTS * 2**fw.Q_SHARE)
+    cal.response_share[5] = round(OF_MOMENTS * 2**fw.Q_SHARE)
     scale = np.array([1.0, SHARE])
     stretch = scale * (SPRINGS + TYRES)
     cal.axles_min = round(LEAST * 2**fw.Q_MOMENT)
     cal.axles_rest = round(REST * 2**fw.Q_MOMENT)
     cal.axles_limit = round(10.0 * 2**fw.Q_ACCELERATION)
     cal.axles_stretch = [round(STEP * value / TRACK * 2**10) for value in stretch]
-    cal.axles_damping = round(scale @ DAMPERS / stretch.sum() / STEP * 2**10)
+    cal.axles_damping = [round(ratio * 2**10) for ratio in scale * DAMPERS / stretch / STEP]
     cal.axles_rough = round(0.02 / STEP * 2**10)
     cal.axles_rear = round(SHARE * 2**28)
     cal.axles_lateral = round((AT_CENTRES[0] - SHARE * AT_CENTRES[1]) * 2**10)

@@ -15,10 +15,12 @@ FADING = PASS / 8.0
 STROKE, STRETCH, ARM, INERTIA = (1800.0, 1300.0), 0.05, 595.0, 10_000.0
 SHARES = 0.4, 0.2, 0.15, 0.1, 0.3
 """Of side force, springs, dampers, moments and inertia that may be wrong."""
+OF_AXLE = 0.35
+"""Of an axle's moment."""
 LIMIT_SHARES = 0.75, 0.25
 OF_FORCE, OF_MOMENTS, OF_SHOWN = (0.875, 0.01), 0.25, (0.625, 0.5, 0.3)
 ROUGH = 900.0, 500.0
-AXLES_STRETCH, AXLES_DAMPING, AXLES_ROUGH = (900.0, 700.0), 2.5, 2.0
+AXLES_STRETCH, AXLES_DAMPING, AXLES_ROUGH = (900.0, 700.0), (2.5, 2.0), 2.0
 AXLES_SIDE = 40.0
 REAR, AT_CENTRES, YAW = 1.2, -150.0, 4000.0
 HEAVE_STRETCH = (300.0, 250.0)
@@ -41,7 +43,8 @@ def watched() -> fw.Calibration:
     cal.response_ticks, cal.axles_ticks = CALM_TICKS, NEVER
     cal.rolling_ticks = cal.heave_ticks = NEVER
     cal.steady_min = round(2.0 * CALM * 2**fw.Q_MOMENT)
-    cal.response_share, cal.limit_share = shares(*SHARES), shares(*LIMIT_SHARES)
+    cal.response_share = shares(*SHARES, OF_AXLE)
+    cal.limit_share = shares(*LIMIT_SHARES)
     cal.steady_share, cal.lateral_share = shares(*OF_FORCE, OF_MOMENTS), shares(*OF_SHOWN)
     cal.response_rough = [round(value * 2**10) for value in ROUGH]
     cal.response_stroke = [round(value * 2**10) for value in STROKE]
@@ -52,7 +55,8 @@ def watched() -> fw.Calibration:
     cal.axles_min, cal.axles_rest = 1 << fw.Q_MOMENT, 10_000 << fw.Q_MOMENT
     cal.axles_limit = 7 << fw.Q_ACCELERATION
     cal.axles_stretch = [round(value * 2**10) for value in AXLES_STRETCH]
-    cal.axles_damping, cal.axles_rough = round(AXLES_DAMPING * 2**10), round(AXLES_ROUGH * 2**10)
+    cal.axles_damping = [round(value * 2**10) for value in AXLES_DAMPING]
+    cal.axles_rough = round(AXLES_ROUGH * 2**10)
     cal.axles_side = round(AXLES_SIDE * 2**10)
     cal.axles_rear = round(REAR * 2**28)
     cal.axles_lateral, cal.axles_yaw = round(AT_CENTRES * 2**10), round(YAW * 2**10)
@@ -197,27 +201,36 @@ class Floats:
             b[balance.LATERAL].wash = b[balance.STEADY].wash = SLOW
 
     def axles(self, it: Sample) -> None:
-        its, strokes = self.balances[balance.AXLES], it.strokes
+        of_axles, strokes = self.balances[balance.AXLES], it.strokes
         front = AXLES_STRETCH[0] * (strokes[0] - strokes[1])
-        stretched = front - AXLES_STRETCH[1] * (strokes[2] - strokes[3])
+        behind = AXLES_STRETCH[1] * (strokes[2] - strokes[3])
+        stretched = front - behind
         rear = REAR * it.delivered[1]
-        acting = AXLES_DAMPING * stretched + AT_CENTRES * it.lateral + rear - it.delivered[0]
+        acting = AXLES_DAMPING[0] * front - AXLES_DAMPING[1] * behind
+        acting += AT_CENTRES * it.lateral + rear - it.delivered[0]
         momentum = YAW * it.yaw_rate
+        judged = {
+            balance.AXLES: (AXLES_SIDE * it.lateral, 1.0),
+            balance.ACTUATORS: (it.delivered[0] + rear, OF_AXLE),
+        }
         if not self.known:
-            its.start(acting, momentum)
-        its.left_over(acting, momentum)
-        its.spring += stretched
-        moments = abs(it.delivered[0]) + abs(rear)
-        wrong = AXLES_ROUGH * abs(stretched) + SHARES[3] * moments
-        its.leave_room(wrong + AXLES_SIDE * abs(it.lateral), OF_AXLES / 2.0)
+            of_axles.start(acting, momentum)
+            for which, (value, _) in judged.items():
+                self.balances[which].past = value
+        of_axles.left_over(acting, momentum)
+        of_axles.spring += stretched
+        wrong = AXLES_ROUGH * abs(stretched)
+        for which, (value, share) in judged.items():
+            wrong += share * abs(self.balances[which].new(value, OF_AXLES))
+        of_axles.leave_room(wrong, OF_AXLES / 2.0)
 
     def heave(self, it: Sample) -> None:
-        its, strokes = self.balances[balance.HEAVE], it.strokes
-        its.left_over(0.0, 0.0)
+        of_springs, strokes = self.balances[balance.HEAVE], it.strokes
+        of_springs.left_over(0.0, 0.0)
         moved = HEAVE_STRETCH[0] * (strokes[0] + strokes[1])
         moved += HEAVE_STRETCH[1] * (strokes[2] + strokes[3])
-        its.spring += moved
-        its.room += (abs(its.new(moved, 1.0)) - its.room) / 1024.0
+        of_springs.spring += moved
+        of_springs.room += (abs(of_springs.new(moved, 1.0)) - of_springs.room) / 1024.0
 
     def rolling(self, it: Sample) -> None:
         front = TRACK[0] * (it.strokes[0] - it.strokes[1])

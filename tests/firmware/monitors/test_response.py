@@ -53,7 +53,7 @@ def watched(**changes: object) -> fw.Calibration:
     cal.response_pass = round(STEP / LOW_PASS * 2**30)
     cal.response_wash = [round(STEP * corner * 2**30) for corner in (WASHOUT, SLOW, 0.0)]
     cal.response_ticks = TICKS
-    cal.response_share = shares(*SHARES.values())
+    cal.response_share = shares(*SHARES.values(), 0.0)
     cal.response_late = [round(LATE * 2**10), round(4.0 * LATE * 2**10)]
     cal.response_rough = [round(REBOUND * stroke) for stroke in cal.response_stroke]
     cal.limit_share = shares(0.75, 0.25)

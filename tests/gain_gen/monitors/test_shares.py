@@ -1,4 +1,4 @@
-"""What the slow balances may have left over, against cars drawn from the box."""
+"""What the slow balances and the axles' may have left over, against cars of the box."""
 
 from dataclasses import replace
 
@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
+from gain_gen.monitors.axle_shares import of_axles
+from gain_gen.monitors.linear_car import axle_forces, car_of
 from gain_gen.monitors.shares import of_lateral, of_moments
 from gain_gen.monitors.uncertainty import DEFAULT, Uncertainty, of_vehicle, stated
-from vehicles import load
+from vehicles import GRAVITY, load
 from vehicles.fit_spread import FitSpread
+from vehicles.roll_stiffness import steady_roll
 
 BOXES = [DEFAULT, Uncertainty(mass=0.05, height=0.1, stiffness=0.3, moment=0.1)]
 
@@ -70,3 +73,42 @@ def test_a_fit_that_is_less_sure_than_the_box_widens_it():
 def test_a_fit_that_knows_nothing_of_a_number_is_refused():
     with pytest.raises(CanrollError, match=r"knows plant\.roll_stiffness to ±120 % only"):
         of_vehicle(fitted(0.6 * load("van_real").plant.roll_stiffness, 0.01))
+
+
+@pytest.mark.parametrize("name", ["van_real", "van_2021", "car_2020"])
+def test_no_car_of_the_box_has_more_between_its_axles_than_the_shares_in_a_steady_curve(name):
+    """Roll of body and axles by the vehicles' own balance of moments, of 300 cars."""
+    vehicle = load(name)
+    car, random = car_of(vehicle), np.random.default_rng(7)
+    by_lateral, by_moment = of_axles(car, DEFAULT)
+    lateral, _ = axle_forces(vehicle, car.scale)
+    stiffness = car.scale * (np.array(car.shares) * car.stiffness + car.tyres) * [1.0, -1.0]
+    largest = np.zeros(2)
+    for _ in range(300):
+        mass, height, springs, tyre = 1.0 + random.choice([-1.0, 1.0], 4) * [0.2, 0.2, 0.2, 0.1]
+        centres = random.choice([-1.0, 1.0], 2) * DEFAULT.roll_centre
+        true = 1.0 + random.choice([-1.0, 1.0]) * DEFAULT.moment
+        other = replace(
+            vehicle,
+            plant=replace(
+                vehicle.plant,
+                sprung_mass=mass * vehicle.plant.sprung_mass,
+                cg_height_above_roll_axis=height * vehicle.plant.cg_height_above_roll_axis,
+            ),
+            tyre=replace(vehicle.tyre, vertical_stiffness=tyre * vehicle.tyre.vertical_stiffness),
+            geometry=replace(
+                vehicle.geometry,
+                roll_centre_height_front=vehicle.geometry.roll_centre_height_front + centres[0],
+                roll_centre_height_rear=vehicle.geometry.roll_centre_height_rear + centres[1],
+            ),
+        )
+        suspension = springs * car.stiffness
+        free = np.array(steady_roll(other, suspension))
+        left = stiffness @ (free[0] - free[1:]) + lateral * (1.0 + GRAVITY * free[0])
+        largest[0] = max(largest[0], abs(left) / (1.0 + GRAVITY * free[0]))
+        # one that the front actuator passes on, true times what it reports
+        moved = np.array(steady_roll(other, suspension, (-true, 0.0))) - free
+        left = stiffness @ (moved[0] - moved[1:]) + lateral * GRAVITY * moved[0] - 1.0
+        largest[1] = max(largest[1], abs(left))
+    assert (largest < 1.02 * np.array([by_lateral, by_moment])).all()
+    assert (largest > 0.6 * np.array([by_lateral, by_moment])).all()
