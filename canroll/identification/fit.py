@@ -14,7 +14,14 @@ from canroll.errors import CanrollError
 from canroll.identification import unknowns
 from canroll.identification.agreement import Agreement, agreement
 from canroll.identification.drive_log import Log
-from canroll.identification.information import IDENTIFIED, Information, information, together
+from canroll.identification.information import (
+    IDENTIFIED,
+    Information,
+    felt,
+    fisher_at,
+    information,
+    together,
+)
 from canroll.identification.log_checks import check
 from canroll.identification.output_error import (
     Model,
@@ -193,17 +200,17 @@ def fit(
     with engine(LOCAL, settings.jobs) as where:
         simulator = Simulator(model, driver(model, where), report)
         point, minima = _best(simulator, settings)
-        felt = information(simulator, point).felt
-        if not any(f and not unknown.of_log for f, unknown in zip(felt, sought, strict=True)):
+        free = felt(fisher_at(simulator, point))
+        if not any(f and not unknown.of_log for f, unknown in zip(free, sought, strict=True)):
             raise CanrollError(
                 f"{log.name}: it says nothing of the car beyond what {vehicle.name} has: drive "
                 "with more steering"
             )
-        point = search(simulator, replace(point, x=_held(model, point.x, felt)), felt)
+        point = search(simulator, replace(point, x=_held(model, point.x, free)), free)
         content = information(simulator, point)
     progress("steps of the search", 1.0)
-    covariance = content.covariance(felt)
-    numbers = tuple(_numbers(model, point.x, covariance, felt))
+    covariance = content.covariance(free)
+    numbers = tuple(_numbers(model, point.x, covariance, free))
     name = Path(log.name).name
     slopes = np.array([number.unknown.slope(number.value) for number in numbers])
     scaled = covariance * np.outer(slopes, slopes)
@@ -250,27 +257,27 @@ def _best(simulator: Simulator, settings: FitSettings) -> tuple[Point, tuple[flo
     return point, minima
 
 
-def _held(model: Model, x: Vector, felt: NDArray[np.bool_]) -> Vector:
+def _held(model: Model, x: Vector, free: NDArray[np.bool_]) -> Vector:
     """Return where a search with the numbers that are not felt at their priors can begin.
 
     That is as near to ``x`` as a car can have the numbers, at least the car of the start.
     """
     for share in np.linspace(1.0, 0.0, 11):
-        begin = np.where(felt, share * x, 0.0)
+        begin = np.where(free, share * x, 0.0)
         if model.motions(begin) is not None:
             return np.asarray(begin)
     raise CanrollError(f"{model.vehicle.name}: cannot be driven as in the log")
 
 
 def _numbers(
-    model: Model, x: Vector, covariance: NDArray[np.float64], felt: NDArray[np.bool_]
+    model: Model, x: Vector, covariance: NDArray[np.float64], free: NDArray[np.bool_]
 ) -> list[FittedNumber]:
     numbers = []
     for i, unknown in enumerate(model.unknowns):
         state = "identified" if covariance[i, i] < IDENTIFIED else "together"
         value = unknown.value(float(x[i]))
         deviation = unknown.slope(value) * float(np.sqrt(covariance[i, i]))
-        numbers.append(FittedNumber(unknown, value, deviation, state if felt[i] else "kept"))
+        numbers.append(FittedNumber(unknown, value, deviation, state if free[i] else "kept"))
     return numbers
 
 

@@ -40,14 +40,6 @@ class Information:
         """Number of combinations of the unknowns of which the log says more than the priors."""
         return int(np.sum(np.linalg.eigvalsh(self.fisher) > 1.0))
 
-    @property
-    def felt(self) -> NDArray[np.bool_]:
-        """Which unknowns the log says more of than the prior, were all others known.
-
-        The others cannot be told by it at all.
-        """
-        return np.asarray(np.diag(self.fisher) > 1.0)
-
     def covariance(self, free: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return the covariance (p, p) of all unknowns where only the ``free`` ones were fitted.
 
@@ -75,6 +67,19 @@ class Information:
         return result
 
 
+def fisher_at(simulator: Simulator, point: Point) -> NDArray[np.float64]:
+    """Return JᵀW J of the signals at a point of a search (p, p)."""
+    return _products(simulator.slopes(point.x) / point.scale[:, None])
+
+
+def felt(fisher: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which unknowns a log says more of than the prior, were all others known (p).
+
+    The others cannot be told by it at all.
+    """
+    return np.asarray(np.diag(fisher) > 1.0)
+
+
 def information(simulator: Simulator, point: Point) -> Information:
     """Return the information at a point at which a search has ended."""
     model, x = simulator.model, point.x
@@ -88,7 +93,7 @@ def information(simulator: Simulator, point: Point) -> Information:
     squares = np.maximum((errors**2).sum(axis=0), TINY)
     share = np.maximum(1.0 - variances * compared.sum(axis=0) / squares, 0.0)
     white = _products(scaled * np.sqrt(share)[:, None])
-    return Information(_products(scaled), _at_least(scores, white + of_inputs))
+    return Information(fisher_at(simulator, point), _at_least(scores, white + of_inputs))
 
 
 def _products(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
