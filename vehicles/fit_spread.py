@@ -128,6 +128,8 @@ def value_of(vehicle: object, key: str) -> float:
     part: Any = vehicle
     for name in key.split("."):
         if isinstance(part, tuple):
+            if not name.isdecimal():  # as "-1", which is a place of a list in Python alone
+                raise ValueError(name)
             part = part[int(name)]
         elif name in part.__dataclass_fields__:
             part = getattr(part, name)

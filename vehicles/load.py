@@ -245,6 +245,8 @@ def from_table(
         raise CanrollError(f"{where}: {problem}")
     for key in () if vehicle.fit is None else vehicle.fit.names:
         try:
+            if key.partition(".")[0] not in (*_SECTIONS, *_OPTIONAL):
+                raise ValueError(key)
             fit_spread.value_of(vehicle, key)
             axle_files.check_change(vehicle, key)
         except CanrollError as error:

@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     choices = choices_of(args)
     stage = stage_of({}, choices)
     answer = design(chosen(choices, "law"), design_task(args))
-    options = options_of(choices)
+    options = options_of(choices, answer.task.vehicle)
     box = options.uncertainty
     record, tables = calibrate(answer, options)
     checks = {name: Check(**entry) for name, entry in tables["verification"].items()}

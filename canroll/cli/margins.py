@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     note = vehicles.note_of_change(calibration.vehicle, "calibration")
     if note:
         print(f"note: {note}", file=sys.stderr)
-    designed = stated(calibration.tables.get("uncertainty", {}))
+    designed = stated(calibration.tables["uncertainty"], file=calibration.path)
     box = stated(by_key("--uncertainty", args.uncertainty), designed)
     report = margin_report(calibration)
     if args.out is not None:

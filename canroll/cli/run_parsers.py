@@ -187,7 +187,8 @@ def fit(parser: Parser) -> None:
         type=int,
         default=3,
         metavar="N",
-        help="searches from different numbers (default: %(default)s)",
+        help="searches from different numbers, up to four times as many where none is confirmed "
+        "(default: %(default)s)",
     )
     add_execution(parser, "start", "scheduler", "resume", "only")
     add_answer(parser, "vehicle, page and covariance")

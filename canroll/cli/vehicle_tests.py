@@ -270,6 +270,8 @@ def severe(args: argparse.Namespace) -> int:
             runs=args.runs, spread=dict(args.spread), cases=cases, **choices_of(args)
         )
     data = write_page(out, "severe", {}, severe_manoeuvres.to_json(answer))
+    if answer.note:
+        print(f"note: {answer.note}", file=sys.stderr)
     if args.json:
         print(json.dumps(data))
     else:

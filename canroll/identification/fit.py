@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator
 from dataclasses import asdict, dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,18 @@ from canroll.errors import CanrollError
 from canroll.identification import unknowns
 from canroll.identification.agreement import Agreement, agreement
 from canroll.identification.drive_log import Log
-from canroll.identification.information import IDENTIFIED, Information, information, together
+from canroll.identification.information import (
+    IDENTIFIED,
+    Information,
+    felt,
+    fisher_at,
+    information,
+    together,
+)
 from canroll.identification.log_checks import check
 from canroll.identification.output_error import (
     Model,
+    Point,
     Simulator,
     driver,
     refined,
@@ -36,6 +45,8 @@ SURPRISING = 3.0
 """Deviations of its prior by which a number contradicts it."""
 SAME = 0.02
 """Costs that differ by less, relative, are of one minimum."""
+ROUNDS = 4
+"""So many times the starts are searched at most, if no minimum is confirmed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +59,7 @@ class FitSettings:
         checked: part that is predicted only, of the same log; None: none.
         free: keys to fit though their sources say that they are known.
         held: keys to hold.
-        starts: searches from the prior and from draws of it.
+        starts: searches from the prior and from draws of it; more where none is confirmed.
         seed: of these draws.
         jobs: processes.
     """
@@ -188,20 +199,18 @@ def fit(
 
     with engine(LOCAL, settings.jobs) as where:
         simulator = Simulator(model, driver(model, where), report)
-        points = [searched(simulator, x) for x in starts(model, settings.starts, settings.seed)]
-        minima = tuple(point.cost for point in points)
-        point = refined(simulator, min(points, key=lambda point: point.cost))
-        felt = information(simulator, point).felt
-        if not any(f and not unknown.of_log for f, unknown in zip(felt, sought, strict=True)):
+        point, minima = _best(simulator, settings)
+        free = felt(fisher_at(simulator, point))
+        if not any(f and not unknown.of_log for f, unknown in zip(free, sought, strict=True)):
             raise CanrollError(
                 f"{log.name}: it says nothing of the car beyond what {vehicle.name} has: drive "
                 "with more steering"
             )
-        point = search(simulator, replace(point, x=_held(model, point.x, felt)), felt)
+        point = search(simulator, replace(point, x=_held(model, point.x, free)), free)
         content = information(simulator, point)
     progress("steps of the search", 1.0)
-    covariance = content.covariance(felt)
-    numbers = tuple(_numbers(model, point.x, covariance, felt))
+    covariance = content.covariance(free)
+    numbers = tuple(_numbers(model, point.x, covariance, free))
     name = Path(log.name).name
     slopes = np.array([number.unknown.slope(number.value) for number in numbers])
     scaled = covariance * np.outer(slopes, slopes)
@@ -228,27 +237,47 @@ def fit(
     )
 
 
-def _held(model: Model, x: Vector, felt: NDArray[np.bool_]) -> Vector:
+def _best(simulator: Simulator, settings: FitSettings) -> tuple[Point, tuple[float, ...]]:
+    """Return the best minimum, refined, and the cost of every search.
+
+    While it is doubtful, as many further starts are searched, up to :data:`ROUNDS` times as many.
+    """
+    model = simulator.model
+    begins = starts(model, ROUNDS * settings.starts, settings.seed)
+    points: list[Point] = []
+    best = None
+    for _ in range(ROUNDS):
+        points += [searched(simulator, x) for x in islice(begins, settings.starts)]
+        lowest = min(points, key=lambda point: point.cost)
+        if lowest is not best:
+            best, point = lowest, refined(simulator, lowest)
+        minima = tuple(each.cost for each in points)
+        if not _doubtful(minima, white=all(one.white for one in _agreements(model, point.x))):
+            break
+    return point, minima
+
+
+def _held(model: Model, x: Vector, free: NDArray[np.bool_]) -> Vector:
     """Return where a search with the numbers that are not felt at their priors can begin.
 
     That is as near to ``x`` as a car can have the numbers, at least the car of the start.
     """
     for share in np.linspace(1.0, 0.0, 11):
-        begin = np.where(felt, share * x, 0.0)
+        begin = np.where(free, share * x, 0.0)
         if model.motions(begin) is not None:
             return np.asarray(begin)
     raise CanrollError(f"{model.vehicle.name}: cannot be driven as in the log")
 
 
 def _numbers(
-    model: Model, x: Vector, covariance: NDArray[np.float64], felt: NDArray[np.bool_]
+    model: Model, x: Vector, covariance: NDArray[np.float64], free: NDArray[np.bool_]
 ) -> list[FittedNumber]:
     numbers = []
     for i, unknown in enumerate(model.unknowns):
         state = "identified" if covariance[i, i] < IDENTIFIED else "together"
         value = unknown.value(float(x[i]))
         deviation = unknown.slope(value) * float(np.sqrt(covariance[i, i]))
-        numbers.append(FittedNumber(unknown, value, deviation, state if felt[i] else "kept"))
+        numbers.append(FittedNumber(unknown, value, deviation, state if free[i] else "kept"))
     return numbers
 
 
@@ -273,16 +302,24 @@ def _searched(minima: tuple[float, ...], agreements: tuple[Agreement, ...]) -> I
 
     Noise that is left over confirms it, another search that ended there too.
     """
-    other = sum(cost > (1.0 + SAME) * min(minima) for cost in minima)
-    if not other:
-        return
-    if other == len(minima) - 1 and not all(one.white for one in agreements):
+    other = _worse(minima)
+    if _doubtful(minima, white=all(one.white for one in agreements)):
         yield (
             "the fit did not converge to the noise: what is left over is correlated, and no two "
             f"of {len(minima)} searches ended in the same minimum: give --starts {4 * len(minima)}"
         )
-    else:
+    elif other:
         yield f"{other} of {len(minima)} searches ended in a worse minimum: the best is taken"
+
+
+def _worse(minima: tuple[float, ...]) -> int:
+    """Return how many searches ended in another minimum than the best."""
+    return sum(cost > (1.0 + SAME) * min(minima) for cost in minima)
+
+
+def _doubtful(minima: tuple[float, ...], *, white: bool) -> bool:
+    """Whether neither noise that is left over nor another search confirms the best minimum."""
+    return 0 < _worse(minima) == len(minima) - 1 and not white
 
 
 def _compared(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.identification.colour import score_covariance
+from canroll.identification.input_noise import input_scores
 from canroll.identification.output_error import Point, Simulator
 from canroll.typing import Vector
 
@@ -39,14 +40,6 @@ class Information:
         """Number of combinations of the unknowns of which the log says more than the priors."""
         return int(np.sum(np.linalg.eigvalsh(self.fisher) > 1.0))
 
-    @property
-    def felt(self) -> NDArray[np.bool_]:
-        """Which unknowns the log says more of than the prior, were all others known.
-
-        The others cannot be told by it at all.
-        """
-        return np.asarray(np.diag(self.fisher) > 1.0)
-
     def covariance(self, free: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return the covariance (p, p) of all unknowns where only the ``free`` ones were fitted.
 
@@ -74,22 +67,48 @@ class Information:
         return result
 
 
+def fisher_at(simulator: Simulator, point: Point) -> NDArray[np.float64]:
+    """Return JᵀW J of the signals at a point of a search (p, p)."""
+    return _products(simulator.slopes(point.x) / point.scale[:, None])
+
+
+def felt(fisher: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which unknowns a log says more of than the prior, were all others known (p).
+
+    The others cannot be told by it at all.
+    """
+    return np.asarray(np.diag(fisher) > 1.0)
+
+
 def information(simulator: Simulator, point: Point) -> Information:
     """Return the information at a point at which a search has ended."""
-    errors, compared = simulator.residuals(point.x), simulator.model.compared
-    scaled = simulator.slopes(point.x) / point.scale[:, None]
-    flat = scaled.reshape(-1, point.x.size)
-    scores = score_covariance(scaled / point.scale[:, None], errors, compared)
-    fisher = flat.T @ flat
-    return Information(fisher, _at_least(scores, fisher))
+    model, x = simulator.model, point.x
+    errors, compared, simulated = simulator.residuals(x), model.compared, simulator.signals(x)
+    assert simulated is not None  # the search has ended there
+    scaled = simulator.slopes(x) / point.scale[:, None]
+    weighted = scaled / point.scale[:, None]
+    scores = score_covariance(weighted, errors, compared)
+    of_inputs, variances = input_scores(model, x, simulated, weighted)
+    # what the inputs' errors make of the residuals is no noise of the signals
+    squares = np.maximum((errors**2).sum(axis=0), TINY)
+    share = np.maximum(1.0 - variances * compared.sum(axis=0) / squares, 0.0)
+    white = _products(scaled * np.sqrt(share)[:, None])
+    return Information(fisher_at(simulator, point), _at_least(scores, white + of_inputs))
 
 
-def _at_least(scores: NDArray[np.float64], white: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return scores that in no direction are less than those of white noise.
+def _products(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return JᵀJ of derivatives (n, m, p)."""
+    flat = scaled.reshape(-1, scaled.shape[2])
+    return np.asarray(flat.T @ flat)
 
-    A fit takes out of the residuals what its numbers can follow: there they are too small.
+
+def _at_least(scores: NDArray[np.float64], least: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return scores that in no direction are less than those of noise that is known to be there.
+
+    That is white noise of the signals and the effect of the inputs' errors. A fit takes out of the
+    residuals what its numbers can follow: there they are too small.
     """
-    values, vectors = np.linalg.eigh(white + TINY * np.trace(white) * np.eye(len(white)))
+    values, vectors = np.linalg.eigh(least + TINY * np.trace(least) * np.eye(len(least)))
     root = vectors * np.sqrt(values)
     back = vectors / np.sqrt(values)
     sizes, axes = np.linalg.eigh(back.T @ scores @ back)

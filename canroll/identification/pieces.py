@@ -1,7 +1,7 @@
 """A log as pieces on a uniform time base: cut at gaps, resets and standstill, without outliers."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from canroll.identification.drive_log import INPUTS, OUTPUTS, QUANTITIES, Log
-from canroll.identification.smoothing import smoothed
+from canroll.identification.smoothing import EXACT, Noise, smoothed
 from canroll.typing import Vector
 
 SAMPLE = 0.01
@@ -45,7 +45,8 @@ class Piece:
     """A stretch of driving, sampled every :data:`SAMPLE` from ``begin`` (s) on.
 
     ``steering`` (rad at the wheel) and ``speed`` (m/s) have shape (n,); ``measured`` (n, m) has the
-    columns of ``names`` in SI units, NaN where there is no sample.
+    columns of ``names`` in SI units, NaN where there is no sample. ``steering_noise`` and
+    ``speed_noise`` say how far the two inputs may be from those of the measured car.
     """
 
     begin: float
@@ -53,6 +54,8 @@ class Piece:
     speed: Vector
     names: tuple[str, ...]
     measured: NDArray[np.float64]
+    steering_noise: Noise = EXACT
+    speed_noise: Noise = EXACT
 
     @property
     def time(self) -> Vector:
@@ -64,6 +67,15 @@ class Piece:
         time = self.time
         inside = (time >= window.begin) & (time < window.end) & (time >= self.begin + RUN_IN)
         return inside[:, None] & np.isfinite(self.measured)
+
+    def disturbed(self, generator: np.random.Generator) -> "Piece":
+        """Return the piece with errors of its inputs as large as those they may have."""
+        count = len(self.speed)
+        return replace(
+            self,
+            steering=self.steering + self.steering_noise.errors(count, generator),
+            speed=self.speed + self.speed_noise.errors(count, generator),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -194,4 +206,8 @@ def _piece(clean: dict[str, _Clean], names: tuple[str, ...], begin: float, end: 
         for i in np.flatnonzero(np.diff(times) > max(2.5 * usual, 2.5 * SAMPLE)):
             measured[(time > times[i]) & (time < times[i + 1]), column] = np.nan
     # noise of the speed would drive the car, and look like motion that the numbers explain
-    return Piece(begin, sampled("steering"), smoothed(sampled("speed")), names, measured)
+    speed, speed_noise = smoothed(sampled("speed"))
+    steering = sampled("steering")
+    # the car itself filters the steering: only how large its noise is must be known
+    steering_noise = Noise(smoothed(steering)[1].deviation)
+    return Piece(begin, steering, speed, names, measured, steering_noise, speed_noise)

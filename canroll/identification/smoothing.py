@@ -5,7 +5,8 @@ The least sum of squared differences from the samples and of λ times the square
 without noise stays as it is.
 """
 
-from math import exp
+from dataclasses import dataclass
+from math import exp, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,32 +17,67 @@ from canroll.typing import Vector
 
 LEAST, MOST = -5.0, 25.0
 """Bounds of ln λ: from the samples themselves to a straight line of an hour."""
+SECOND_DIFFERENCE = (1.0, -2.0, 1.0)
 
 
-def smoothed(samples: Vector) -> Vector:
-    """Return the signal of ``samples`` (n), n ≥ 5, at equal intervals."""
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Noise of a signal's samples, and the λ with which it was smoothed, 0 if it was not.
+
+    ``deviation`` is the samples' standard deviation, in the signal's unit.
+    """
+
+    deviation: float = 0.0
+    weight: float = 0.0
+
+    def errors(self, count: int, generator: np.random.Generator) -> Vector:
+        """Return a draw of the errors that ``count`` samples of the signal have.
+
+        Their covariance is σ² (I + λ DᵀD)⁻¹, which also covers, on average over the time, what
+        smoothing takes from the signal itself (Wahba, J. R. Statist. Soc. B 45, 1983).
+        """
+        bent = sqrt(self.weight) * generator.standard_normal(count - 2)
+        drawn = generator.standard_normal(count)
+        for place, weight in enumerate(SECOND_DIFFERENCE):
+            drawn[place : count - 2 + place] += weight * bent
+        return self.deviation * _solved(self.weight, _roughness(count), drawn)
+
+
+EXACT = Noise()
+
+
+def smoothed(samples: Vector) -> tuple[Vector, Noise]:
+    """Return the signal of ``samples`` (n), n ≥ 5, at equal intervals, and its noise."""
     bands = _roughness(len(samples))
     # eigenvalues of the matrix of roughness, but for its ends
     turns = np.pi * np.arange(len(samples)) / len(samples)
     rough = (2.0 - 2.0 * np.cos(turns)) ** 2
 
-    def at(weight: float) -> Vector:
-        matrix = weight * bands
-        matrix[2] += 1.0
-        return np.asarray(solveh_banded(matrix, samples))
+    def removed(weight: float) -> tuple[float, float]:
+        """Sum of squares that goes, and how many samples' noise that is."""
+        squares = np.sum((samples - _solved(weight, bands, samples)) ** 2)
+        return float(squares), float(np.sum(1.0 - 1.0 / (1.0 + weight * rough)))
 
     def score(exponent: float) -> float:
-        removed = np.sum(1.0 - 1.0 / (1.0 + exp(exponent) * rough))
-        return float(np.sum((samples - at(exp(exponent))) ** 2) / removed**2)
+        squares, count = removed(exp(exponent))
+        return squares / count**2
 
-    best = minimize_scalar(score, bounds=(LEAST, MOST), method="bounded")
-    return at(exp(best.x))
+    weight = exp(minimize_scalar(score, bounds=(LEAST, MOST), method="bounded").x)
+    squares, count = removed(weight)
+    return _solved(weight, bands, samples), Noise(sqrt(squares / count), weight)
+
+
+def _solved(weight: float, bands: NDArray[np.float64], right: Vector) -> Vector:
+    """Return (I + ``weight`` DᵀD)⁻¹ times ``right``."""
+    matrix = weight * bands
+    matrix[2] += 1.0
+    return np.asarray(solveh_banded(matrix, right))
 
 
 def _roughness(count: int) -> NDArray[np.float64]:
     """Return DᵀD of the second differences D as upper bands, (3, count)."""
     bands = np.zeros((3, count))
-    for place, weight in enumerate((1.0, -2.0, 1.0)):
+    for place, weight in enumerate(SECOND_DIFFERENCE):
         bands[2, place : count - 2 + place] += weight**2
     bands[1, 1 : count - 1] -= 2.0
     bands[1, 2:] -= 2.0

@@ -10,6 +10,7 @@ from canroll.errors import CanrollError, UnknownNameError
 from canroll.identification.drive_log import QUANTITIES
 from vehicles import Vehicle
 from vehicles.draws import numbers as vehicle_numbers
+from vehicles.draws.fitted_cars import is_positive
 from vehicles.fit_spread import value_of
 
 LOG = "log"
@@ -161,7 +162,7 @@ def _of_vehicle(vehicle: Vehicle) -> Iterator[Unknown]:
         if match and float(match[1]) > 0.0:
             deviation = float(match[1]) * (abs(mean) / 100 if match[2] else 1.0)
             prior = source.partition(":")[0]
-        positive = number.relative > 0.0
+        positive = is_positive(key)
         if positive:
             least, most = mean / WIDEST, mean * WIDEST
         else:

@@ -28,7 +28,7 @@ from gain_gen.calibration.quantise import ACTUATOR_NUMBER, QuantiseOptions
 from gain_gen.design import design, without_control
 from gain_gen.laws import WITHOUT_ROLL_RATE
 from gain_gen.models.task import Delay, Design, Task
-from gain_gen.monitors.uncertainty import of_vehicle, stated
+from gain_gen.monitors.uncertainty import BY_STEERING, EVERY, of_vehicle, stated
 from plant_sim.can_bus.network.own_frames import bus_map
 from vehicles import Vehicle
 
@@ -162,8 +162,8 @@ def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
     )
 
 
-def options_of(choices: Mapping[str, Any]) -> QuantiseOptions:
-    """Return the calibration options in ``choices`` that do not depend on the law.
+def options_of(choices: Mapping[str, Any], vehicle: Vehicle) -> QuantiseOptions:
+    """Return the calibration options in ``choices`` for ``vehicle`` that no law changes.
 
     Raises:
         CanrollError: an invalid heartbeat, or one without events; an invalid uncertainty.
@@ -185,15 +185,16 @@ def options_of(choices: Mapping[str, Any]) -> QuantiseOptions:
     if every_tick and choices.get("heartbeat_ms") is not None:
         where = "to dampers" if event else "with --trigger every"
         raise CanrollError(f"--heartbeat: {where} a command is sent every tick: omit it")
-    known = of_vehicle(vehicles.load(chosen(choices, "vehicle")))
+    watched, given = _response_watch(choices), choices.get("uncertainty") or {}
+    box = of_vehicle(vehicle, (EVERY if watched else BY_STEERING) - set(given))
     return QuantiseOptions(
         event_trigger=event,
         identification=identification,
         offset_learning=chosen(choices, "offset_learning"),
-        response_watch=_response_watch(choices),
+        response_watch=watched,
         sample_period=_sample_period(choices),
         moment_reported=not _unreported(choices),
-        uncertainty=stated(choices.get("uncertainty") or {}, known),
+        uncertainty=stated(given, box),
         heartbeat=heartbeat,
     )
 
@@ -255,7 +256,8 @@ def _sample_period(choices: Mapping[str, Any]) -> float:
 
 def _designed(choices: Mapping[str, Any]) -> PreparedController:
     law = chosen(choices, "law")
-    task, options = task_of(choices), options_of(choices)
+    task = task_of(choices)
+    options = options_of(choices, task.vehicle)
     # without control the frames go on all the same
     answer = without_control(task) if law == PASSIVE else _design(law, task)
     if task.actuator == "valves" and not answer.controller.commands_axles:

@@ -106,7 +106,7 @@ class SevereRow:
 
 @dataclass(frozen=True, slots=True)
 class SevereStudy:
-    """All rows, and the origin of the compared controllers."""
+    """All rows, and the origin of the compared controllers; ``note``: on the cars, or empty."""
 
     rows: tuple[SevereRow, ...]
     law: str
@@ -116,6 +116,7 @@ class SevereStudy:
     runs: int
     effort: float
     bar: float
+    note: str
 
     @property
     def table(self) -> Table:
@@ -206,6 +207,7 @@ def study(
         runs if cases.execution.only is None else 1,
         lane_change.budget,
         factors[BAR],
+        "" if settings.vehicle.fit is None else OF_FILE.format(settings.vehicle.name),
     )
 
 
@@ -255,6 +257,12 @@ def _figures(trace: Trace) -> tuple[float, float, float, float]:
     )
 
 
+OF_FILE = (
+    "the vehicles are spread by --spread about the numbers of {}'s file, not drawn from its [fit], "
+    "which the designs allow for: canroll campaign draws from it"
+)
+
+
 HEAD = (
     *("manoeuvre", "", "roll max", "against passive [95 %]", "worst vehicle", "roll RMS"),
     *("sideslip max", "both wheels of a side off", "limit cycles"),
@@ -298,6 +306,7 @@ def to_json(answer: SevereStudy) -> dict[str, Any]:
         "effort_nm": answer.effort,
         "bar_factor": answer.bar,
         "rows": list(answer.table),
+        **({"note": answer.note} if answer.note else {}),
     }
 
 

@@ -20,7 +20,10 @@ def with_draws(family: Family, task: Task) -> Family:
     for number, car in enumerate(draws(task.vehicle), 1):
         drawn = family_of(replace(task, vehicle=car))
         if drawn.note != family.note:
-            raise CanrollError(f"draw {number} of the fit of {car.name}: {drawn.note}")
+            raise CanrollError(
+                f"{car.name}: draw {number} of its [fit]: {drawn.note}: fit again with more "
+                "numbers held, or a log that tells more"
+            )
         members += [
             replace(member, condition=replace(member.condition, draw=number))
             for member in drawn.members

@@ -1,9 +1,10 @@
 """What the designer of the monitors does not know: the box in which car, sensors and road lie."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from math import inf
+from pathlib import Path
 from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
@@ -97,14 +98,22 @@ OF_FIT = {
     "geometry.roll_centre_height_rear": "roll_centre",
 }
 """Half-widths that a number of a fitted vehicle widens."""
+EVERY = frozenset(OF_FIT.values())
+BY_STEERING = frozenset({"height", "stiffness", "cornering"})
+"""Those that are needed where the body's response is not watched: of the car that is steered."""
 SURE = 2.0
 """Standard deviations of a fit that a half-width holds at least: 95 % of the cars it may be."""
 
 
-def of_vehicle(vehicle: Vehicle) -> Uncertainty:
+def of_vehicle(vehicle: Vehicle, needed: Collection[str] = EVERY) -> Uncertainty:
     """Return the default box, wide enough for what the vehicle was fitted with.
 
-    A fit tells of the car, not of its load, temperature and wear: it narrows nothing.
+    A fit tells of the car, not of its load, temperature and wear: it narrows nothing. The box holds
+    the interval of each number by itself: correlated numbers fill only a part of it.
+
+    Args:
+        vehicle: with the spread of its fit, or without.
+        needed: half-widths that are made use of; the others stay as they are.
 
     Raises:
         CanrollError: the fit leaves a share that may be all of the number.
@@ -113,8 +122,8 @@ def of_vehicle(vehicle: Vehicle) -> Uncertainty:
     if vehicle.fit is None:
         return box
     for key, deviation in zip(vehicle.fit.names, vehicle.fit.deviations, strict=True):
-        name = OF_FIT.get(key)
-        if name is None:
+        name = OF_FIT.get(key, "")
+        if name not in needed:
             continue
         width = SURE * deviation
         if name in SHARES:
@@ -122,31 +131,42 @@ def of_vehicle(vehicle: Vehicle) -> Uncertainty:
             if width >= 1.0:
                 raise CanrollError(
                     f"{vehicle.name}: the fit knows {key} to ±{100.0 * width:.0f} % only: fit a "
-                    "log that tells more, or give the number by --vehicle-set"
+                    "log that tells more, or give the number by --vehicle-set, or what is not "
+                    f"known of it by --uncertainty {name}=WIDTH"
                 )
         box = replace(box, **{name: max(getattr(box, name), width)})
     return box
 
 
-def stated(choices: Mapping[str, Any], box: Uncertainty = DEFAULT) -> Uncertainty:
+def stated(
+    choices: Mapping[str, Any], box: Uncertainty = DEFAULT, file: Path | None = None
+) -> Uncertainty:
     """Return ``box`` with the half-widths in ``choices``, text or numbers, in their place.
+
+    Args:
+        choices: half-widths by their names.
+        box: half-widths of all others.
+        file: the calibration that they are from; None: the command's options.
 
     Raises:
         UnknownNameError: there is no such half-width.
         CanrollError: not a number, negative, or a share of 1 and more.
     """
+    where, kind = "--uncertainty ", "uncertainty"
+    if file is not None:
+        where, kind = f"{file}: uncertainty.", f"key of {file}: [uncertainty]"
     for name, text in choices.items():
         if name not in Uncertainty.__dataclass_fields__:
-            raise UnknownNameError("uncertainty", name, Uncertainty.__dataclass_fields__)
+            raise UnknownNameError(kind, name, Uncertainty.__dataclass_fields__)
         try:
             width = float(text)
         except (TypeError, ValueError) as error:
-            raise CanrollError(f"--uncertainty {name}={text}: {text!r} is not a number") from error
+            raise CanrollError(f"{where}{name}={text}: {text!r} is not a number") from error
         if not 0.0 <= width < (1.0 if name in SHARES else inf):
             most = "below 1, a share of the nominal value" if name in SHARES else "0 or more"
-            raise CanrollError(f"--uncertainty {name}={text}: must be {most}")
+            raise CanrollError(f"{where}{name}={text}: must be {most}")
         if name == "alarms_per_hour" and not width:
-            raise CanrollError(f"--uncertainty {name}={text}: noise always raises some: above 0")
+            raise CanrollError(f"{where}{name}={text}: noise always raises some: above 0")
         box = replace(box, **{name: width})
     return box
 

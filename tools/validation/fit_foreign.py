@@ -101,7 +101,7 @@ def truth(car: str, seed: int, duration: float = DURATION) -> Truth:
             record = replay.motion(own, piece, 0.0)
         if fit_truth.measurable(record):
             numbers |= {u.key: value_of(own, u.key) for u in sought if not u.of_log}
-            columns = fit_truth.sensed(generator, piece, record, numbers, SETTINGS.imu)
+            columns = fit_truth.sensed(generator, piece, record, numbers, frame=SETTINGS.imu)
             return Truth(start(), numbers, columns)
     raise AssertionError  # the cars never end
 

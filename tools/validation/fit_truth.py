@@ -7,7 +7,7 @@ starts; its sensors have noise, offsets and delays. Outcomes in FOLDER are taken
 """
 
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -73,6 +73,7 @@ def truth(
     *,
     duration: float = DURATION,
     held: Collection[str] = (),
+    noise: Mapping[str, float] = NOISE,
 ) -> Truth:
     """Draw a car and its log.
 
@@ -81,6 +82,7 @@ def truth(
         start: where the fit starts; by default a van estimated from its size.
         duration: of the log (s).
         held: keys of numbers that are as at the start.
+        noise: standard deviation of the sensors' noise.
     """
     generator = np.random.default_rng(seed)
     start = start or estimated("van", VAN, name="van")
@@ -91,7 +93,7 @@ def truth(
     for numbers, car in cars(generator, start, sought):
         record = replay.motion(car, piece, 0.0)
         if measurable(record):
-            return Truth(start, numbers, sensed(generator, piece, record, numbers))
+            return Truth(start, numbers, sensed(generator, piece, record, numbers, noise=noise))
     raise AssertionError  # the cars never end
 
 
@@ -120,7 +122,9 @@ def sensed(
     piece: Piece,
     record: NDArray[np.float64],
     numbers: Mapping[str, float],
+    *,
     frame: str = "body",
+    noise: Mapping[str, float] = NOISE,
 ) -> dict[str, Vector]:
     """Return the columns of a log: what sensors with noise, offsets and delays show of a drive.
 
@@ -130,6 +134,7 @@ def sensed(
         record: of the drive, as of :func:`canroll.identification.replay.motion`.
         numbers: offsets and delays by the keys of their unknowns.
         frame: axes of the inertial unit.
+        noise: standard deviation of the sensors' noise.
     """
     time = piece.time
     shown = (
@@ -145,8 +150,8 @@ def sensed(
     for name in NAMES:
         column = replay.FRAMES[frame][name]
         signal = replay.sampled(record, column, piece, numbers.get(delay_key(name), 0.0))
-        noise = NOISE[name] * generator.standard_normal(time.size)
-        columns[name] = signal + numbers.get(offset_key(name), 0.0) + noise
+        signal = signal + numbers.get(offset_key(name), 0.0)
+        columns[name] = signal + noise[name] * generator.standard_normal(time.size)
     return columns
 
 
@@ -179,12 +184,17 @@ class Outcome:
     distance: float
 
 
-def fitted(case: Truth, settings: FitSettings) -> Fit:
-    """Fit the log of a truth."""
+def log_of(case: Truth) -> drive_log.Log:
+    """Return the log of a truth, as read from its file."""
     with TemporaryDirectory() as folder:
         path = Path(folder, "drive.csv")
         case.write(path)
-        return fit(drive_log.read(str(path), {}), case.start, settings)
+        return drive_log.read(str(path), {})
+
+
+def fitted(case: Truth, settings: FitSettings) -> Fit:
+    """Fit the log of a truth."""
+    return fit(log_of(case), case.start, settings)
 
 
 def outcome(seed: int) -> Outcome:
@@ -206,16 +216,20 @@ def compared(case: Truth, settings: FitSettings) -> Outcome:
             for number in result.numbers
         ]
     )
-    rows = tuple(
-        Row(number.unknown.key, error, deviation, bound, number.state)
-        for number, error, deviation, bound in zip(
-            result.numbers,
-            errors.tolist(),
-            np.sqrt(np.diag(covariance)).tolist(),
-            least.tolist(),
-            strict=True,
-        )
-    )
+    named = [(number.unknown.key, number.state) for number in result.numbers]
+    return outcome_of(named, errors, covariance, least)
+
+
+def outcome_of(
+    named: Sequence[tuple[str, str]],
+    errors: Vector,
+    covariance: NDArray[np.float64],
+    least: Vector,
+) -> Outcome:
+    """Return the outcome of keys with their states (p), in deviations of the priors."""
+    deviations = np.sqrt(np.diag(covariance))
+    numbers = zip(named, errors.tolist(), deviations.tolist(), least.tolist(), strict=True)
+    rows = tuple(Row(key, e, deviation, bound, s) for (key, s), e, deviation, bound in numbers)
     return Outcome(rows, float(errors @ np.linalg.solve(covariance, errors)) / len(rows))
 
 

@@ -12,7 +12,7 @@
 """
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,23 +22,19 @@ from numpy.typing import NDArray
 import vehicles
 from canroll.documents import toml
 from canroll.errors import CanrollError, reason
+from canroll.identification import agreement as of_signals
+from canroll.identification import drive_log
+from canroll.identification.drive_log import QUANTITIES
+from canroll.identification.pieces import SAMPLE, Piece, Window, pieces
+from canroll.identification.unknowns import LOG
 from canroll.typing import Vector
 from canroll.validation.rating import rate
 from tools.validation import measured_fit
-from tools.validation.measured_drive import (
-    SIGNALS,
-    Measured,
-    Mounting,
-    Window,
-    columns,
-    explained,
-    read,
-    replay,
-)
-from tools.validation.measured_fit import Fit, Unknown
+from tools.validation.measured_fit import Fit, Unknown, steered
 from vehicles import Vehicle
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "bmw_m8"
+DRIVE = EXAMPLE / "double_lane_change.csv"
 MANOEUVRE = Window(9.3, 15.6)
 FIRST, SECOND = Window(9.3, 12.45), Window(12.45, 15.6)
 STRAIGHT = Window(8.5, 9.3)
@@ -51,8 +47,8 @@ class Case(NamedTuple):
     """The car of the example, its drive, and how that was measured."""
 
     vehicle: Vehicle
-    measured: Measured
-    mounting: Mounting
+    measured: Piece
+    mounting: Mapping[str, float]
 
 
 def case() -> Case:
@@ -63,18 +59,32 @@ def case() -> Case:
     """
     path = EXAMPLE / "double_lane_change.toml"
     try:
-        mounting = Mounting(**toml(path)["mounting"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        mounting = {f"{LOG}.{name}": value for name, value in toml(path)["mounting"].items()}
+    except (OSError, ValueError, KeyError) as error:
         raise CanrollError(f"cannot read {path}: {reason(error)}") from error
-    measured = read(EXAMPLE / "double_lane_change.csv", MANOEUVRE)
+    (measured,), _ = pieces(drive_log.read(str(DRIVE), {}), MANOEUVRE)
     return Case(vehicles.load(EXAMPLE / "bmw_m8.toml"), measured, mounting)
 
 
+def inside(piece: Piece, window: Window) -> NDArray[np.bool_]:
+    """Return which samples lie in ``window``, also of the run-in, and were not lost."""
+    half = SAMPLE / 2
+    there = (piece.time > window.begin - half) & (piece.time < window.end - half)
+    return np.asarray(there & np.isfinite(piece.measured).all(axis=1))
+
+
 def agreement(case: Case, window: Window) -> Vector:
-    """Variance of each signal accounted for in ``window`` (4); see :func:`explained`."""
-    inside = case.measured.inside(window)
-    simulated = replay(*case)
-    return explained(case.measured.signals[inside], simulated[inside])
+    """Return the variance of each signal accounted for in ``window`` (4)."""
+    piece, compared = case.measured, inside(case.measured, window)
+    simulated = steered(*case)
+    return np.array(
+        [
+            of_signals.agreement(name, measured, shown, piece.steering, compared).explained
+            for name, measured, shown in zip(
+                piece.names, np.nan_to_num(piece.measured).T, simulated.T, strict=True
+            )
+        ]
+    )
 
 
 def fitted_on(window: Window, case: Case) -> Case:
@@ -88,19 +98,19 @@ def table() -> Iterator[str]:
     example = case()
     ours = agreement(example, MANOEUVRE)
     ahead = agreement(fitted_on(FIRST, example), SECOND)
-    signals, simulated = example.measured.signals, replay(*example)
-    inside, straight = example.measured.inside(MANOEUVRE), example.measured.inside(STRAIGHT)
-    left, road = (np.std((signals - simulated)[part], axis=0) for part in (inside, straight))
+    signals, simulated = example.measured.measured, steered(*example)
+    fitted, straight = (inside(example.measured, part) for part in (MANOEUVRE, STRAIGHT))
+    left, road = (np.std((signals - simulated)[part], axis=0) for part in (fitted, straight))
     yield (
         "| signal | VAF (%) | VAF of the second half, fitted on the first (%) | ISO/TS 18571 "
         "| standard deviation of the difference | on the straight before |"
     )
     yield "| --- | ---: | ---: | ---: | ---: | ---: |"
-    for i, (name, (unit, factor)) in enumerate(zip(SIGNALS, UNITS, strict=True)):
-        rated = rate(signals[inside, i], simulated[inside, i]).overall
+    for i, (name, (unit, factor)) in enumerate(zip(example.measured.names, UNITS, strict=True)):
+        rated = rate(signals[fitted, i], simulated[fitted, i]).overall
         yield (
-            f"| {name} | {100 * ours[i]:.2f} | {100 * ahead[i]:.2f} | {rated:.3f} "
-            f"| {factor * left[i]:.2g} {unit} | {factor * road[i]:.2g} {unit} |"
+            f"| {QUANTITIES[name].label} | {100 * ours[i]:.2f} | {100 * ahead[i]:.2f} "
+            f"| {rated:.3f} | {factor * left[i]:.2g} {unit} | {factor * road[i]:.2g} {unit} |"
         )
 
 
@@ -110,10 +120,10 @@ def pitch_rate_share(path: Path, window: Window) -> tuple[float, float]:
     The change of the pitch angle is regressed on the integrals of the pitch rate and of that
     product: −1 if the rates are those about the body's axes, 0 if they are Euler rates.
     """
-    table = columns(path)
-    inside = (table["time_s"] > window.begin) & (table["time_s"] < window.end)
+    columns = np.genfromtxt(path, delimiter=",", names=True)
+    there = (columns["time_s"] > window.begin) & (columns["time_s"] < window.end)
     time, pitch, pitch_rate, yaw_rate, roll = (
-        table[name][inside]
+        columns[name][there]
         for name in ("time_s", "pitch_rad", "pitch_rate_rad_s", "yaw_rate_rad_s", "roll_rad")
     )
 
@@ -137,8 +147,8 @@ def fitted_with(further: Unknown, case: Case) -> Fit:
 def frames() -> Iterator[str]:
     """Lines of the table of what the inertial unit gives."""
     example = case()
-    share, deviation = pitch_rate_share(EXAMPLE / "double_lane_change.csv", MANOEUVRE)
-    fit = fitted_with(measured_fit.GRAVITY_SHARE, example)
+    share, deviation = pitch_rate_share(DRIVE, MANOEUVRE)
+    fit = fitted_with(measured_fit.OF_GRAVITY, example)
     yield "| what | along and about the body's axes | horizontal | measured |"
     yield "| --- | ---: | ---: | ---: |"
     yield f"| yaw rate × roll in the pitch rate | −1 | 0 | {share:.2f} ± {deviation:.2f} |"
@@ -149,7 +159,7 @@ def frames() -> Iterator[str]:
 def remains() -> Iterator[str]:
     """Lines of the table of what a crossfall of the road would explain."""
     example = case()
-    fit = fitted_with(measured_fit.CROSSFALL, example)
+    fit = fitted_with(measured_fit.OF_CROSSFALL, example)
     cases = (example, example._replace(vehicle=fit.vehicle, mounting=fit.mounting))
     flat, crowned = (agreement(one, MANOEUVRE)[3] for one in cases)
     slope, deviation = np.degrees(fit.values[-1]), np.degrees(fit.deviations[-1])
@@ -169,17 +179,18 @@ def picture(path: Path) -> None:
     from matplotlib.figure import Figure  # noqa: PLC0415
 
     example = case()
-    simulated = replay(*example)
-    inside, time = example.measured.inside(MANOEUVRE), example.measured.time
+    simulated = steered(*example)
+    there, time = inside(example.measured, MANOEUVRE), example.measured.time
+    names = example.measured.names
     with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         figure = Figure(figsize=(8, 8), layout="constrained")
-        axes: Any = figure.subplots(len(SIGNALS), 1, sharex=True)
-        for i, (name, (unit, factor)) in enumerate(zip(SIGNALS, UNITS, strict=True)):
-            shown = {"measured": example.measured.signals, "simulated": simulated}
+        axes: Any = figure.subplots(len(names), 1, sharex=True)
+        for i, (name, (unit, factor)) in enumerate(zip(names, UNITS, strict=True)):
+            shown = {"measured": example.measured.measured, "simulated": simulated}
             styles = ({"color": "#4d4d4d", "lw": 1.8}, {"color": "#d55e00", "lw": 1.0})
             for (label, signals), style in zip(shown.items(), styles, strict=True):
-                axes[i].plot(time[inside], factor * signals[inside, i], label=label, **style)
-            axes[i].set_ylabel(f"{name} ({unit})")
+                axes[i].plot(time[there], factor * signals[there, i], label=label, **style)
+            axes[i].set_ylabel(f"{QUANTITIES[name].label} ({unit})")
         axes[0].legend(loc="upper left")
         axes[-1].set_xlabel("time (s)")
         try:

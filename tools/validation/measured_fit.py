@@ -1,22 +1,25 @@
-"""Fit of the 14-DOF car to a measured drive by output error.
+"""Fit of the 14-DOF car to the measured drive of the example, with priors and unknowns of its own.
 
-Least squares over the four signals of :mod:`tools.validation.measured_drive`, each weighted by the
-RMS of its own residual in the pass before (maximum likelihood with unknown noise), and over the
-priors: an unknown about which the drive says nothing stays at its prior mean.
+The search is that of ``canroll fit`` (:mod:`canroll.identification.output_error`); what differs is
+what is unknown: one delay of the steering instead of one of each signal, and for checks the share
+of gravity in the lateral acceleration and a crossfall of the road.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from math import floor, log10
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import floor, inf, log10
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
+from canroll.identification import replay, unknowns
+from canroll.identification.information import Information
+from canroll.identification.output_error import Model, Point, Simulator, search, weights
+from canroll.identification.pieces import SAMPLE, Piece, Window
+from canroll.identification.unknowns import STEERING_OFFSET, Unknown, offset_key
 from canroll.typing import Vector
-from tools.validation.measured_drive import Measured, Mounting, Window, replay
 from vehicles import Vehicle
+from vehicles.model import GRAVITY
 
 PASSES = 4
 CORRELATED = 10.0
@@ -24,62 +27,98 @@ CORRELATED = 10.0
 
 NOISE = (0.003, 0.15, 0.01, 0.0015)
 """Residual of each signal that the first pass assumes (rad/s, m/s², rad/s, rad)."""
+SETTLED = 1e-4
+"""Fall of the cost at which a search ends."""
 
-DIFFERENCE = 1e-3
-"""Step of the numerical derivatives, in standard deviations of the priors."""
+STEERING_DELAY = "log.steering_delay"
+"""How much later the steering angle was stamped than the motion (s)."""
+ROLL_OFFSET = offset_key("roll")
+"""Measured roll (rad) of a car that does not roll: the unit's own, and the road's bank."""
+GRAVITY_SHARE = "log.gravity_share"
+"""Share of g sin(roll) in the lateral acceleration: 0 if it is horizontal, 1 along the body."""
+CROSSFALL = "log.crossfall"
+"""Change of the road's bank per metre to the left (rad/m)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Unknown:
-    """A number to fit: prior mean and standard deviation, bounds, and where the prior comes from.
-
-    ``key`` is that of the vehicle file, ``sensors.imu_position.0`` the first of a list, or
-    ``mounting`` and a field of :class:`~tools.validation.measured_drive.Mounting`.
-    """
-
-    key: str
-    mean: float
-    deviation: float
-    least: float
-    most: float
-    prior: str
+def _unknown(key: str, prior: tuple[float, float, float, float], source: str = "") -> Unknown:
+    """Return an unknown by mean, deviation and bounds of its prior, and where that is from."""
+    return Unknown(key, key, "", *prior, source)
 
 
 TYRE, BODY = "30 per rad of the static load", "car of this class"
 UNKNOWNS = (
-    Unknown("tyre.cornering_stiffness_front", 320e3, 60e3, 100e3, 600e3, TYRE),
-    Unknown("tyre.cornering_stiffness_rear", 290e3, 60e3, 100e3, 600e3, TYRE),
-    Unknown("tyre.cornering_load_slope", 0.15, 0.10, 0.0, 0.49, "passenger-car tyres"),
-    Unknown("tyre.friction", 1.10, 0.10, 0.8, 1.4, "dry asphalt"),
-    Unknown("tyre.relaxation_length", 0.50, 0.20, 0.05, 1.5, "passenger-car tyres"),
-    Unknown("mass.yaw_inertia", 3800.0, 200.0, 2500.0, 6000.0, "0.92 m l_f l_r"),
-    Unknown("plant.roll_inertia", 950.0, 80.0, 500.0, 2000.0, "0.55 m of gyration about the CG"),
-    Unknown("plant.roll_damping", 9000.0, 5000.0, 1000.0, 40e3, "30 % of critical"),
-    Unknown("plant.roll_stiffness", 165e3, 40e3, 80e3, 400e3, "3 degrees per g"),
-    Unknown("plant.cg_height_above_roll_axis", 0.46, 0.04, 0.30, 0.60, BODY),
-    Unknown("geometry.roll_centre_height_front", 0.06, 0.04, -0.10, 0.25, BODY),
-    Unknown("geometry.roll_centre_height_rear", 0.10, 0.04, -0.10, 0.25, BODY),
-    Unknown("suspension.roll_stiffness_front_share", 0.55, 0.07, 0.3, 0.8, BODY),
-    Unknown("suspension.roll_damping_front_share", 0.50, 0.10, 0.2, 0.8, BODY),
-    Unknown("sensors.imu_position.0", 0.0, 0.50, -2.0, 2.0, "inside the car"),
-    Unknown("sensors.imu_position.2", 0.0, 0.30, -0.5, 1.0, "inside the car"),
-    Unknown("mounting.steering_offset", 0.0, 0.03, -0.2, 0.2, ""),
-    Unknown("mounting.steering_delay", 0.0, 0.01, -0.05, 0.05, "one sample"),
-    Unknown("mounting.roll_offset", 0.0, 0.01, -0.03, 0.03, ""),
+    _unknown("tyre.cornering_stiffness_front", (320e3, 60e3, 100e3, 600e3), TYRE),
+    _unknown("tyre.cornering_stiffness_rear", (290e3, 60e3, 100e3, 600e3), TYRE),
+    _unknown("tyre.cornering_load_slope", (0.15, 0.10, 0.0, 0.49), "passenger-car tyres"),
+    _unknown("tyre.friction", (1.10, 0.10, 0.8, 1.4), "dry asphalt"),
+    _unknown("tyre.relaxation_length", (0.50, 0.20, 0.05, 1.5), "passenger-car tyres"),
+    _unknown("mass.yaw_inertia", (3800.0, 200.0, 2500.0, 6000.0), "0.92 m l_f l_r"),
+    _unknown("plant.roll_inertia", (950.0, 80.0, 500.0, 2000.0), "0.55 m of gyration about the CG"),
+    _unknown("plant.roll_damping", (9000.0, 5000.0, 1000.0, 40e3), "30 % of critical"),
+    _unknown("plant.roll_stiffness", (165e3, 40e3, 80e3, 400e3), "3 degrees per g"),
+    _unknown("plant.cg_height_above_roll_axis", (0.46, 0.04, 0.30, 0.60), BODY),
+    _unknown("geometry.roll_centre_height_front", (0.06, 0.04, -0.10, 0.25), BODY),
+    _unknown("geometry.roll_centre_height_rear", (0.10, 0.04, -0.10, 0.25), BODY),
+    _unknown("suspension.roll_stiffness_front_share", (0.55, 0.07, 0.3, 0.8), BODY),
+    _unknown("suspension.roll_damping_front_share", (0.50, 0.10, 0.2, 0.8), BODY),
+    _unknown("sensors.imu_position.0", (0.0, 0.50, -2.0, 2.0), "inside the car"),
+    _unknown("sensors.imu_position.2", (0.0, 0.30, -0.5, 1.0), "inside the car"),
+    _unknown(STEERING_OFFSET, (0.0, 0.03, -0.2, 0.2)),
+    _unknown(STEERING_DELAY, (0.0, 0.01, -0.05, 0.05), "one sample"),
+    _unknown(ROLL_OFFSET, (0.0, 0.01, -0.03, 0.03)),
 )
-
-GRAVITY_SHARE = Unknown("mounting.gravity", 0.5, 10.0, -50.0, 50.0, "")
-CROSSFALL = Unknown("mounting.crossfall", 0.0, 0.01, -0.05, 0.05, "")
+OF_GRAVITY = _unknown(GRAVITY_SHARE, (0.5, 10.0, -50.0, 50.0))
+OF_CROSSFALL = _unknown(CROSSFALL, (0.0, 0.01, -0.05, 0.05))
 """Further unknowns, to find out what the unit gives and what the road does."""
 
 
-def _changed(record: Any, path: list[str], value: float) -> Any:  # noqa: ANN401
-    """Return ``record``, dataclasses with tuples in them, with the number at ``path`` replaced."""
-    name, *rest = path
-    if isinstance(record, tuple):
-        return tuple(value if i == int(name) else item for i, item in enumerate(record))
-    inner = _changed(getattr(record, name), rest, value) if rest else value
-    return replace(record, **{name: inner})
+def observed(
+    record: NDArray[np.float64], piece: Piece, mounting: Mapping[str, float]
+) -> NDArray[np.float64]:
+    """Return what the unit shows of a drive: yaw rate, lateral acceleration, roll rate and roll.
+
+    Args:
+        record: of the drive, as of :func:`canroll.identification.replay.motion`.
+        piece: what was steered, and how fast.
+        mounting: how it was measured, by the keys of this module; 0 without.
+
+    Returns:
+        shape (n, 4), SI units.
+    """
+    early = -mounting.get(STEERING_DELAY, 0.0)
+    columns = replay.FRAMES["levelled"]
+    yaw, lateral, roll_rate, roll = (
+        replay.sampled(record, columns[name], piece, early) for name in piece.names
+    )
+    bank = mounting.get(CROSSFALL, 0.0) * _to_the_left(record, piece)
+    roll = roll + mounting.get(ROLL_OFFSET, 0.0) + bank
+    lateral = lateral + mounting.get(GRAVITY_SHARE, 0.0) * GRAVITY * np.sin(roll)
+    return np.column_stack((yaw, lateral, roll_rate + np.gradient(bank, SAMPLE), roll))
+
+
+def _to_the_left(record: NDArray[np.float64], piece: Piece) -> Vector:
+    """Return how far to the left of its first heading the car is at each sample (m)."""
+    course = replay.ROW * np.cumsum(record[:, replay.YAW]) + record[:, replay.SIDESLIP]
+    at = replay.ROW * np.arange(len(record))
+    speed = np.interp(at, SAMPLE * np.arange(len(piece.speed)), piece.speed)
+    left = replay.ROW * np.cumsum(speed * np.sin(course))
+    return np.asarray(np.interp(SAMPLE * np.arange(len(piece.speed)), at, left))
+
+
+def steered(vehicle: Vehicle, piece: Piece, mounting: Mapping[str, float]) -> NDArray[np.float64]:
+    """Return what the unit shows of ``vehicle``, steered as the measured car, (n, 4)."""
+    offset = mounting.get(STEERING_OFFSET, 0.0)
+    return observed(replay.motion(vehicle, piece, offset), piece, mounting)
+
+
+class DriveModel(Model):
+    """The drive with what is unknown of its mounting."""
+
+    def observed(self, x: Vector, records: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Return what the unit shows of records, (n, 4)."""
+        values = self.values(x)
+        parts = zip(records, self.pieces, strict=True)
+        return np.concatenate([observed(record, piece, values) for record, piece in parts])
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,67 +129,33 @@ class Fit:
     values: Vector
     deviations: Vector
     vehicle: Vehicle
-    mounting: Mounting
-
-
-def applied(
-    vehicle: Vehicle, unknowns: tuple[Unknown, ...], values: Vector
-) -> tuple[Vehicle, Mounting]:
-    """Return ``vehicle`` with ``values`` for the ``unknowns``, and the mounting."""
-    mounting = Mounting()
-    for unknown, value in zip(unknowns, values.tolist(), strict=True):
-        section, *path = unknown.key.split(".")
-        if section == "mounting":
-            mounting = mounting._replace(**{path[0]: value})
-        else:
-            vehicle = _changed(vehicle, [section, *path], value)
-    return vehicle, mounting
+    mounting: Mapping[str, float]
 
 
 def fit(
-    vehicle: Vehicle,
-    measured: Measured,
-    window: Window,
-    unknowns: tuple[Unknown, ...] = UNKNOWNS,
+    vehicle: Vehicle, piece: Piece, window: Window, sought: tuple[Unknown, ...] = UNKNOWNS
 ) -> Fit:
-    """Fit ``unknowns`` to the part of ``measured`` in ``window``.
+    """Fit ``sought`` to the part of ``piece`` in ``window``.
 
     What ``vehicle`` has for them does not matter: the search starts from the priors.
     """
-    mean, deviation, least, most = (
-        np.array([getattr(unknown, name) for unknown in unknowns])
-        for name in ("mean", "deviation", "least", "most")
-    )
-    inside = measured.inside(window)
-
-    def error(x: Vector) -> NDArray[np.float64]:
-        changed, mounting = applied(vehicle, unknowns, mean + deviation * x)
-        simulated = replay(changed, measured, mounting)
-        return np.asarray(simulated[inside] - measured.signals[inside])
-
-    noise, x = np.array(NOISE), np.zeros(mean.size)
+    model = DriveModel(vehicle, (piece,), "levelled", window, sought)
+    simulator = Simulator(model)
+    every = np.ones(len(sought), bool)
+    scale, x = np.array(NOISE) * np.sqrt(CORRELATED), np.zeros(len(sought))
     for _ in range(PASSES):
-        scale = noise * np.sqrt(CORRELATED)
-
-        def weighted(x: Vector, scale: Vector = scale) -> Vector:
-            return np.concatenate(((error(x) / scale).ravel(), x))
-
-        def slopes(x: Vector, of: Any = weighted) -> NDArray[np.float64]:  # noqa: ANN401
-            here = of(x)
-            steps = DIFFERENCE * np.eye(x.size)
-            return np.column_stack([(of(x + step) - here) / DIFFERENCE for step in steps])
-
-        bounds = (least - mean) / deviation, (most - mean) / deviation
-        solved = least_squares(weighted, x, slopes, bounds, ftol=1e-7, xtol=1e-4)
-        x = solved.x
-        noise = np.sqrt(np.mean(error(x) ** 2, axis=0))
-    covariance = np.linalg.inv(solved.jac.T @ solved.jac)
-    values = mean + deviation * x
+        x = search(simulator, Point(x, inf, scale), every, SETTLED).x
+        last, scale = scale, weights(simulator, x)[0] * np.sqrt(CORRELATED)
+    slopes = (simulator.slopes(x) / last[:, None]).reshape(-1, x.size)
+    fisher = slopes.T @ slopes
+    least = Information(fisher, fisher).least(every)
+    values = model.values(x)
     return Fit(
-        unknowns,
-        values,
-        deviation * np.sqrt(np.diag(covariance)),
-        *applied(vehicle, unknowns, values),
+        sought,
+        np.array(list(values.values())),
+        least * np.array([unknown.deviation for unknown in sought]),
+        unknowns.applied(vehicle, values),
+        {key: value for key, value in values.items() if key.startswith(unknowns.LOG)},
     )
 
 

@@ -21,15 +21,19 @@ TRIES = 100
 
 
 def is_positive(key: str) -> bool:
-    """Whether a number can neither be negative nor zero: its logarithm is what is normal."""
-    return not any(part in key for part in (*SIGNED, *MAY_BE_ZERO))
+    """Whether the logarithm of a number is what is normal, in priors of fits and in draws of them.
+
+    It is so of what has no bounds but zero, which it never is. A share has 1 as well: it is normal
+    itself, and so are numbers of either sign and those that may be zero.
+    """
+    return not (key.endswith("_share") or any(part in key for part in (*SIGNED, *MAY_BE_ZERO)))
 
 
 def values_at(vehicle: Vehicle, scores: NDArray[np.float64]) -> dict[str, float]:
     """Return the fitted numbers at correlated standard normal scores (p).
 
-    Positive numbers are log-normal with the fitted one as median, and with a standard deviation of
-    the logarithm that is the relative one of the number; all others are normal.
+    Numbers that :func:`is_positive` names are log-normal with the fitted one as median, and with a
+    standard deviation of the logarithm that is the relative one of the number; all others normal.
     """
     assert vehicle.fit is not None  # its callers ask
     values = {}

@@ -1,6 +1,7 @@
 """``canroll design``: which constant faults can be found with the signals that it receives."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -60,6 +61,14 @@ def test_margins_finds_the_same_from_the_file_and_more_of_a_car_known_better(tmp
     assert better[2]["slalom"] < 0.7 * again[2]["slalom"]
     assert main(["margins", file, *known]) == 0
     assert design_view.allowed_for(Uncertainty(mass=0.05, height=0.02)) in capsys.readouterr().out
+
+
+def test_a_width_of_a_file_is_refused_by_the_file_and_its_key():
+    file = Path("calibration.toml")
+    with pytest.raises(CanrollError, match=r"^calibration\.toml: uncertainty\.mass=1: must be"):
+        stated({"mass": 1}, file=file)
+    with pytest.raises(CanrollError, match=r"^unknown key of calibration\.toml"):
+        stated({"x": 1}, file=file)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from canroll.identification.information import Information, together
+from canroll.identification.information import Information, felt, together
 
 SLOPES = np.random.default_rng(1).standard_normal((40, 3)) * [3.0, 1.0, 0.1]
 
@@ -36,7 +36,7 @@ def test_a_held_number_makes_the_others_uncertain_as_draws_do():
 
 def test_what_is_not_felt():
     information = information_of(SLOPES)
-    assert information.felt.tolist() == [True, True, False]
+    assert felt(information.fisher).tolist() == [True, True, False]
     assert information.directions == 2
 
 

@@ -1,7 +1,14 @@
-"""What a fit says of the minima in which its searches ended."""
+"""What a fit says of the minima in which its searches ended, and when it searches on."""
 
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from canroll.identification import fit as fits
 from canroll.identification.agreement import Agreement
-from canroll.identification.fit import _searched
+from canroll.identification.fit import ROUNDS, FitSettings, _searched
+from canroll.identification.output_error import Point
 
 
 def told(minima, *, white):
@@ -29,3 +36,26 @@ def test_another_search_confirms_a_minimum():
 def test_searches_that_agree_say_nothing():
     assert told((627.7, 628.9), white=False) == []
     assert told((627.7,), white=False) == []
+
+
+@pytest.mark.parametrize(
+    ("costs", "white", "expected"),
+    [
+        # as many more as there were, until one is confirmed
+        ((860.1, 627.7, 15103.5, 627.7, 900.0, 950.0), False, 6),
+        ((860.1, 627.7, 113.1), True, 3),
+        ((627.7, 627.7, 900.0), False, 3),
+        (tuple(100.0 * 2.0**k for k in range(50)), False, 3 * ROUNDS),
+    ],
+)
+def test_a_doubtful_minimum_is_searched_for_again(monkeypatch, costs, white, expected):
+    left, refinements = iter(costs), []
+    agreement = Agreement("yaw_rate", 0.998, 0.0076, 0.21, white, 0.7)
+    monkeypatch.setattr(fits, "starts", lambda model, count, seed: iter(np.zeros((count, 1))))
+    monkeypatch.setattr(fits, "searched", lambda simulator, x: Point(x, next(left), x))
+    monkeypatch.setattr(fits, "refined", lambda simulator, p: refinements.append(p.cost) or p)
+    monkeypatch.setattr(fits, "_agreements", lambda model, x: (agreement,))
+    point, minima = fits._best(SimpleNamespace(model=None), FitSettings(starts=3))
+    assert minima == costs[:expected]
+    assert point.cost == min(minima)
+    assert refinements == [min(minima)]

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -26,6 +27,13 @@ def test_every_manoeuvre_exists_with_its_options():
         slowest, fastest = maneuvers.speed_range(manoeuvre.scenario)
         assert slowest <= manoeuvre.speed_kmh / 3.6 <= fastest
         assert set(manoeuvre.options) <= set(maneuvers.options(manoeuvre.scenario))
+
+
+def test_what_is_driven_of_a_fitted_vehicle_is_said(found):
+    assert found.note == ""
+    assert "note" not in severe.to_json(found)
+    said = replace(found, note=severe.OF_FILE.format("m8"))
+    assert severe.to_json(said)["note"].startswith("the vehicles are spread by --spread")
 
 
 def test_each_is_driven_by_all_four(found):

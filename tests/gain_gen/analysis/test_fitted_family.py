@@ -1,9 +1,13 @@
 """Margins over a fit: the worst of cars that are drawn and judged by other means."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import vehicles
+from canroll.errors import CanrollError
+from gain_gen.analysis import fitted_family
 from gain_gen.analysis.family import family_of
 from gain_gen.analysis.fitted_family import margins_of_draws, with_draws
 from gain_gen.analysis.sampled_loop import spectral_radius
@@ -62,6 +66,21 @@ def test_the_worst_of_the_draws_is_that_of_cars_drawn_by_hand():
     alone = family_of(task).margins(controller)
     assert margins_of_draws(alone) == {}
     assert margins_of_draws(margins)["fitted_gain_db"] == alone.worst_gain.margins.gain_db
+
+
+def test_a_draw_without_a_linear_car_is_refused_with_the_remedy(monkeypatch):
+    def family(task):
+        of = family_of(replace(task, vehicle=vehicles.load("van_real")))
+        return of if task.vehicle.fit else replace(of, note="it has no linear car")
+
+    task = Task(fitted(), DELAY)
+    monkeypatch.setattr(fitted_family, "family_of", family)
+    with pytest.raises(CanrollError) as error:
+        with_draws(family(task), task)
+    assert str(error.value) == (
+        "van_real: draw 1 of its [fit]: it has no linear car: fit again with more numbers held, or "
+        "a log that tells more"
+    )
 
 
 def edge_of(member, controller, delay):

@@ -70,9 +70,12 @@ def test_a_fit_that_is_less_sure_than_the_box_widens_it():
     assert stated({"stiffness": 0.1}, wide).stiffness == 0.1
 
 
-def test_a_fit_that_knows_nothing_of_a_number_is_refused():
-    with pytest.raises(CanrollError, match=r"knows plant\.roll_stiffness to ±120 % only"):
-        of_vehicle(fitted(0.6 * load("van_real").plant.roll_stiffness, 0.01))
+def test_a_fit_that_knows_nothing_of_a_number_is_refused_where_it_is_needed():
+    unsure = fitted(0.6 * load("van_real").plant.roll_stiffness, 0.04)
+    with pytest.raises(CanrollError, match=r"knows plant\.roll_stiffness to ±120 % only") as error:
+        of_vehicle(unsure)
+    assert str(error.value).endswith("by --uncertainty stiffness=WIDTH")
+    assert of_vehicle(unsure, {"roll_centre"}) == replace(DEFAULT, roll_centre=0.08)
 
 
 @pytest.mark.parametrize("name", ["van_real", "van_2021", "car_2020"])

@@ -6,11 +6,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from canroll.errors import CanrollError
-from tools.validation import measured_car, measured_drive, measured_fit
+from canroll.identification.agreement import agreement
+from canroll.identification.pieces import Window
+from tools.validation import measured_car, measured_fit
 from tools.validation.measured_car import FIRST, MANOEUVRE, SECOND
-from tools.validation.measured_drive import Window
 from tools.validation.measured_fit import UNKNOWNS
+from vehicles.fit_spread import value_of
 
 SLOW = pytest.mark.slow
 MEASURED = (
@@ -36,14 +37,10 @@ def fitted(window):
 
 def shipped():
     """The numbers in the files beside the data, in the order of ``UNKNOWNS``."""
-    values = []
-    for unknown in UNKNOWNS:
-        section, *path = unknown.key.split(".")
-        value = case().mounting if section == "mounting" else getattr(case().vehicle, section)
-        for name in path:
-            value = value[int(name)] if name.isdigit() else getattr(value, name)
-        values.append(value)
-    return np.array(values)
+    vehicle, _, mounting = case()
+    return np.array(
+        [mounting[u.key] if u.of_log else value_of(vehicle, u.key) for u in UNKNOWNS], float
+    )
 
 
 def test_every_number_says_whether_it_was_measured_fitted_or_estimated():
@@ -52,7 +49,7 @@ def test_every_number_says_whether_it_was_measured_fitted_or_estimated():
         text.startswith(("measured", "fitted", "estimate")) for text in vehicle.sources.values()
     )
     assert all(vehicle.source(key).startswith("measured") for key in MEASURED)
-    keys = [unknown.key for unknown in UNKNOWNS if not unknown.key.startswith("mounting")]
+    keys = [unknown.key for unknown in UNKNOWNS if not unknown.of_log]
     fitted_keys = [key.removesuffix(".0").removesuffix(".2") for key in keys]
     assert [key for key in fitted_keys if not vehicle.source(key).startswith("fitted on")] == []
 
@@ -95,8 +92,8 @@ def test_a_fit_recovers_the_numbers_that_made_the_data():
     """Of a drive that the plant itself has made, from other priors."""
     vehicle, measured, mounting = case()
     window = Window(9.3, 11.5)
-    made = replace(measured, signals=measured_drive.replay(vehicle, measured, mounting))
-    keys = ("tyre.cornering_stiffness_front", "plant.roll_stiffness", "mounting.roll_offset")
+    made = replace(measured, measured=measured_fit.steered(vehicle, measured, mounting))
+    keys = ("tyre.cornering_stiffness_front", "plant.roll_stiffness", "log.roll_offset")
     unknowns = tuple(unknown for unknown in UNKNOWNS if unknown.key in keys)
     delayed = tuple(unknown for unknown in UNKNOWNS if "steering_" in unknown.key)
     fit = measured_fit.fit(vehicle, made, window, unknowns + delayed)
@@ -107,50 +104,27 @@ def test_a_fit_recovers_the_numbers_that_made_the_data():
 
 def test_rates_of_the_inertial_unit_are_those_of_the_euler_angles():
     """About the body's axes the pitch rate would have −1 times yaw rate times roll."""
-    path = measured_car.EXAMPLE / "double_lane_change.csv"
-    share, deviation = measured_car.pitch_rate_share(path, MANOEUVRE)
+    share, deviation = measured_car.pitch_rate_share(measured_car.DRIVE, MANOEUVRE)
     assert abs(share) < 0.05
     assert deviation < 0.05
 
 
 @SLOW
 def test_lateral_acceleration_of_the_inertial_unit_is_without_gravity():
-    fit = measured_car.fitted_with(measured_fit.GRAVITY_SHARE, case())
+    fit = measured_car.fitted_with(measured_fit.OF_GRAVITY, case())
     assert abs(fit.values[-1]) < 2 * fit.deviations[-1]
     assert 1.0 - fit.values[-1] > 5 * fit.deviations[-1]
 
 
 def test_variance_accounted_for_ignores_an_offset_alone():
-    measured = np.sin(np.linspace(0.0, 7.0, 100))[:, None]
-    assert measured_drive.explained(measured, measured + 1.0) == pytest.approx([1.0])
-    assert measured_drive.explained(measured, 0.0 * measured) == pytest.approx([0.0])
-    assert measured_drive.explained(measured, 0.9 * measured) == pytest.approx([0.99])
+    measured, every = np.sin(np.linspace(0.0, 7.0, 100)), np.ones(100, bool)
 
+    def explained(simulated):
+        return agreement("roll", measured, simulated, measured, every).explained
 
-@pytest.mark.parametrize(
-    ("content", "why"),
-    [
-        (None, "cannot read"),
-        ("time_s,speed_m_s\n0,1\n1,1\n", "no column 'steering_wheel_rad'"),
-        ("time_s,speed_m_s\n0,1\n1,fast\n", "cannot read"),
-        ("time_s,speed_m_s\n0,1,2\n", "cannot read"),
-        ("", "no column 'time_s'"),
-    ],
-)
-def test_a_drive_that_cannot_be_read_is_refused_in_one_line(tmp_path, content, why):
-    path = tmp_path / "drive.csv"
-    if content is not None:
-        path.write_text(content)
-    with pytest.raises(CanrollError, match=why) as refused:
-        measured_drive.read(path, MANOEUVRE)
-    assert str(path) in str(refused.value)
-    assert "\n" not in str(refused.value)
-
-
-def test_a_window_outside_the_drive_is_refused():
-    path = measured_car.EXAMPLE / "double_lane_change.csv"
-    with pytest.raises(CanrollError, match="does not cover 22 to 24 s"):
-        measured_drive.read(path, Window(23.0, 24.0))
+    assert explained(measured + 1.0) == pytest.approx(1.0)
+    assert explained(0.0 * measured) == pytest.approx(0.0)
+    assert explained(0.9 * measured) == pytest.approx(0.99)
 
 
 def test_the_picture_is_drawn_or_refused(tmp_path):

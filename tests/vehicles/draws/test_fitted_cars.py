@@ -90,6 +90,12 @@ def test_a_short_file_keeps_the_fit_of_its_base_but_for_its_own_numbers(tmp_path
             {"names": [*NAMES[:2], "plant.colour"]},
             "fit.names: the vehicle has no number 'plant.col",
         ),
+        ({"names": [*NAMES[:2], "lane_offset"]}, "van: fit.names: the vehicle has no number 'lane"),
+        ({"names": [*NAMES[:2], "fit.deviations.0"]}, "the vehicle has no number 'fit.dev"),
+        (
+            {"names": [*NAMES[:2], "sensors.imu_position.-1"]},
+            "fit.names: the vehicle has no number 'sensors.imu_position.-1'",
+        ),
         ({"names": [*NAMES[:2], "plant"]}, "fit.names: the vehicle has no number 'plant'"),
         (
             {"names": [*NAMES[:2], "plant.natural_frequency"]},

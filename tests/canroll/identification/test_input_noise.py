@@ -1,0 +1,72 @@
+"""Noise of the inputs in a fit's uncertainty, of cars whose response to it has a closed form."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from canroll.identification.input_noise import DRAWS, input_scores
+from canroll.identification.pieces import Piece
+from canroll.identification.smoothing import EXACT, Noise
+
+COUNT = 400
+TIME = 0.01 * np.arange(COUNT)
+
+
+@dataclass(frozen=True)
+class Car:
+    """Turns at ``gain`` times its steering, at once, and feels its speed in the second signal."""
+
+    pieces: tuple[Piece, ...]
+    gain: float = 0.3
+
+    @property
+    def compared(self):
+        compared = np.ones((COUNT, 2), bool)
+        compared[:100] = False
+        return compared
+
+    def simulated(self, x):
+        (piece,) = self.pieces
+        return np.column_stack((self.gain * piece.steering, 0.1 * piece.speed))
+
+
+def car(steering=EXACT, speed=EXACT):
+    wheel, constant = np.sin(TIME), np.full(COUNT, 20.0)
+    names = ("yaw_rate", "roll")
+    return Car((Piece(0.0, wheel, constant, names, np.zeros((COUNT, 2)), steering, speed),))
+
+
+def weighted(model):
+    slopes = np.random.default_rng(3).standard_normal((COUNT, 2, 1))
+    return np.where(model.compared[:, :, None], slopes, 0.0)
+
+
+def scores_of(model):
+    x = np.zeros(1)
+    return input_scores(model, x, model.simulated(x), weighted(model))
+
+
+def test_white_noise_of_the_steering_comes_through_the_gain():
+    model = car(steering=Noise(0.01))
+    covariance, variances = scores_of(model)
+    expected = (0.3 * 0.01) ** 2 * np.sum(weighted(model)[:, 0] ** 2)
+    # three standard deviations of a variance from so many draws
+    assert covariance[0, 0] == pytest.approx(expected, rel=3 * np.sqrt(2 / DRAWS))
+    assert variances == pytest.approx([(0.3 * 0.01) ** 2, 0.0], rel=0.05)
+
+
+def test_a_smoothed_speed_is_wrong_for_longer_but_by_less():
+    rough, smooth = (car(speed=Noise(0.01, weight)) for weight in (0.0, 1e4))
+    assert scores_of(smooth)[1][1] < 0.1 * scores_of(rough)[1][1]
+    # slow errors do not average out over slopes that are slow too
+    drift = np.where(rough.compared[:, :, None], 1.0, 0.0)
+    x = np.zeros(1)
+    slow = [input_scores(m, x, m.simulated(x), drift)[0][0, 0] for m in (rough, smooth)]
+    assert slow[1] == pytest.approx(slow[0], rel=0.6)
+
+
+def test_inputs_without_noise_leave_nothing():
+    covariance, variances = scores_of(car())
+    assert not covariance.any()
+    assert not variances.any()
