@@ -16,8 +16,8 @@ from gain_gen.models.roll import Matrix
 KAPPA = -1.0
 """At which the search starts: near the best of all laws and buses tried."""
 ITERATIONS = 300
-SPAN = 30.0
-"""Of the logarithm of a multiplier about where the search starts."""
+NONE = 1e-6
+"""Gain that counts as none, relative to the greatest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +54,9 @@ def balanced(loop: UncertainLoop) -> Balance:
 
     if not len(start):  # of a single one there is nothing to balance
         return balance(start)
-    # a multiplier that does not matter may go anywhere
-    bounds = np.column_stack([start - SPAN, start + SPAN])
-    options = {"maxiter": ITERATIONS}
-    least = minimize(gain, start, method="Nelder-Mead", bounds=bounds, options=options)
-    return balance(np.asarray(least.x))
+    return balance(
+        np.asarray(minimize(gain, start, method="Nelder-Mead", options={"maxiter": ITERATIONS}).x)
+    )
 
 
 def _gain(responses: Responses, scales: Matrix, kappa: float) -> float:
@@ -77,6 +75,5 @@ def _equal(responses: Responses) -> Matrix:
     others = range(1, int(columns.max()) + 1)
     to = np.array([peak[rows == 0][:, columns == j].max() for j in others])
     back = np.array([peak[rows == j][:, columns == 0].max() for j in others])
-    # where one does not reach the other there is nothing to balance
-    both = (to > 0.0) & (back > 0.0)
-    return np.where(both, to, 1.0) / np.where(both, back, 1.0)
+    none = max(NONE * float(peak.max()), float(np.finfo(float).tiny))
+    return np.asarray(np.maximum(to, none) / np.maximum(back, none))
