@@ -16,6 +16,8 @@ from gain_gen.models.roll import Matrix
 KAPPA = -1.0
 """At which the search starts: near the best of all laws and buses tried."""
 ITERATIONS = 300
+NONE = 1e-6
+"""Gain that counts as none, relative to the greatest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +72,8 @@ def _equal(responses: Responses) -> Matrix:
     """Return scales with which each has the same gain to the first as the first has to it."""
     peak = np.abs(responses.centred(KAPPA)[:, :-1]).max(axis=0)
     rows, columns = responses.rows, responses.columns
-    return np.array(
-        [
-            peak[rows == 0][:, columns == j].max() / peak[rows == j][:, columns == 0].max()
-            for j in range(1, int(columns.max()) + 1)
-        ]
-    )
+    others = range(1, int(columns.max()) + 1)
+    to = np.array([peak[rows == 0][:, columns == j].max() for j in others])
+    back = np.array([peak[rows == j][:, columns == 0].max() for j in others])
+    none = max(NONE * float(peak.max()), float(np.finfo(float).tiny))
+    return np.asarray(np.maximum(to, none) / np.maximum(back, none))

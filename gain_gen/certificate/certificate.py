@@ -14,17 +14,20 @@ tick:
 ``level``, ``level with event trigger``
     of the first condition: the mean-square gain from a held roll moment to the roll angle.
 
-Claims of the 1-DOF roll model are the papers' inequalities (:mod:`gain_gen.certificate.theorem`).
+Claims of the 1-DOF roll model are the papers' inequalities (:mod:`gain_gen.certificate.theorem`):
+``level without delay``, ``level`` with every delay up to the longest, and that with the trigger.
 """
 
 import hashlib
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from flint import fmpq
 
 import dbc
 import firmware
@@ -38,12 +41,18 @@ from gain_gen.calibration.calibration_file import LoadedCalibration
 from gain_gen.certificate import checker
 from gain_gen.certificate.claim import Wish, prove, prove_level, texts
 from gain_gen.certificate.disturbed import LATERAL, disturbances
-from gain_gen.certificate.theorem import applies, gamma_of, theorems
+from gain_gen.certificate.theorem import (
+    LEVEL,
+    TRIGGER_LEVEL,
+    WITHOUT_DELAY,
+    applies,
+    gamma_of,
+    theorems,
+)
 from gain_gen.laws.rate_gain import free_peak
 from gain_gen.models.task import Task
 from vehicles import Vehicle
 
-FORMAT = "canroll certificate 2"
 INTEGERS = (
     *("tick_us", "law", "measurements", "phi", "phi_shift", "gamma", "gamma_steering"),
     *("output", "output_moment", "output_shift", "correction", "correction_shift"),
@@ -56,12 +65,22 @@ INTEGERS = (
 """Fields of the calibration that decide the loop."""
 MODELLED = ("control_law", "event_trigger", "fixed_point", "observer", "schedule")
 """Modules of the firmware that the checker repeats in rationals."""
+ABOUT = ("delay", "resolution", "trigger", "performance", "disturbances")
+"""Entries of a claim that its name decides."""
 MOST_LOST = 3
 """Commands lost in a row that are tried."""
+READINGS = np.exp2([fw.Q_RATE, fw.Q_ACCELERATION, fw.Q_MOMENT])
+"""Units of the readings in the ECU."""
 SCALING = 1e-3
 """Relative allowance for the fixed-point factors between raw signals and the ECU's units."""
 EVERY_TICK, TRIGGER, STEERED = "every tick", "event trigger", "steered"
-LEVEL, TRIGGER_LEVEL = "level", "level with event trigger"
+LOST = "{} lost"
+OF_MODEL = {
+    WITHOUT_DELAY: "level without delay",
+    LEVEL: "level with delay",
+    TRIGGER_LEVEL: "level with delay and event trigger",
+}
+"""Levels of the roll model by the names of its claims."""
 ASSUMPTIONS = (
     "the car is linear: the tyres, springs and actuators of each condition stay in their linear "
     "range, and no limit of moment, slew, corner or estimate acts",
@@ -87,6 +106,7 @@ class Certificate:
         levels: proved gains by name: those of the first condition relative to the largest without
             control, those of the roll model γ.
         note: reason why the family is the roll model alone, or empty.
+        tick: s.
     """
 
     content: dict[str, Any]
@@ -97,11 +117,22 @@ class Certificate:
     steered: float
     levels: Mapping[str, float]
     note: str
+    tick: fmpq
 
     @property
     def proved(self) -> bool:
         """Whether the loop is proved stable in every condition."""
         return not self.unproved
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What every claim assumes."""
+        return ASSUMPTIONS
+
+    def longest(self, condition: Mapping[str, Any], claim: Mapping[str, Any]) -> float:
+        """Return the longest delay of a claim, without the sensor's low-pass, s."""
+        about = checker.meant(self.content, condition, claim["name"], self.tick)
+        return float(Fraction(about["delay"][1]))
 
     def worst(self, name: str) -> tuple[float, float]:
         """Return the largest roll angle (degrees) and moment (N·m) of the claims of a name."""
@@ -131,55 +162,75 @@ def certify(task: Task, calibration: LoadedCalibration) -> Certificate:
     delay = (max(task.delay.least - filtered, 0.0), max(task.delay.most - filtered, 0.0))
     conditions = [condition_of(member, record) for member in family.members]
     resolution = resolutions(task.vehicle, record)
+    tick = fmpq(record.tick_us, 1_000_000)
+    exact = [Fraction(seconds) for seconds in (*delay, filtered)]
     content: dict[str, Any] = {
-        "format": FORMAT,
+        "format": checker.FORMAT,
         "source": _source(task, calibration),
-        "family": family.note or "cars in several conditions",
-        "assumptions": list(ASSUMPTIONS),
-        "integers": integers,
+        "delay": [str(seconds) for seconds in exact],
+        "resolution": resolution,
         "conditions": conditions,
         "models": [],
     }
 
     def claims(
-        name: str, most: float, *, trigger: bool = False, lateral: float = 0.0
+        name: str, *, lost: int = 0, trigger: bool = False, lateral: float = 0.0
     ) -> Iterator[bool]:
+        most = exact[1] + lost * Fraction(record.tick_us, 1_000_000)
         for member, condition in zip(family.members, conditions, strict=True):
             driven = disturbances(member, task.vehicle, lateral) if lateral else {}
-            wish = Wish(name, (delay[0], most), resolution, trigger, driven)
+            wish = Wish(name, (exact[0], most), resolution, trigger, driven)
             claim = prove(integers, condition, wish)
             if claim is not None:
                 condition["claims"].append(claim)
             yield claim is not None
 
-    def in_all(name: str, most: float, *, lateral: float = 0.0) -> bool:
+    def in_all(name: str, *, lost: int = 0, lateral: float = 0.0) -> bool:
         """Add claims of a name to every condition, or to none."""
-        if all(claims(name, most, lateral=lateral)):
+        if all(claims(name, lost=lost, lateral=lateral)):
             return True
         for condition in conditions:
             condition["claims"] = [c for c in condition["claims"] if c["name"] != name]
         return False
 
-    proved = list(claims(EVERY_TICK, delay[1]))
+    proved = list(claims(EVERY_TICK))
     unproved = [member for member, fine in zip(family.members, proved, strict=True) if not fine]
     triggered, lost, steered, levels = None, 0, 0.0, dict[str, float]()
     if record.event_trigger:
-        triggered = not unproved and all(list(claims(TRIGGER, delay[1], trigger=True)))
+        triggered = not unproved and all(list(claims(TRIGGER, trigger=True)))
     if not unproved:
-        while lost < MOST_LOST and in_all(f"{lost + 1} lost", delay[1] + (lost + 1) * task.tick):
+        while lost < MOST_LOST and in_all(LOST.format(lost + 1), lost=lost + 1):
             lost += 1
-        proofs = (most for most in LATERAL if in_all(STEERED, delay[1], lateral=most))
+        proofs = (most for most in LATERAL if in_all(STEERED, lateral=most))
         steered = next(proofs, 0.0)
-        wish = Wish(LEVEL, delay, resolution)
+        wish = Wish(LEVEL, (exact[0], exact[1]), resolution)
         levels = _levels(integers, conditions[0], wish, family.members[0], record)
     if applies(record):
-        model = theorems(integers, task.vehicle.design, task.delay.most)
+        model = theorems(integers, task.vehicle.design, exact[1] + exact[2])
         content["models"].append(model)
-        levels |= {claim["name"]: gamma_of(claim) for claim in model["claims"]}
-    content["sha256"] = checker.digest(content)
+        levels |= {OF_MODEL[claim["name"]]: gamma_of(claim) for claim in model["claims"]}
+    state(content)
     return Certificate(
-        content, delay, tuple(unproved), triggered, lost, steered, levels, family.note
+        content, delay, tuple(unproved), triggered, lost, steered, levels, family.note, tick
     )
+
+
+def state(content: dict[str, Any]) -> None:
+    """Move what a claim is about from it to the certificate, which states all claims and is signed.
+
+    What a claim is about follows from its name (:func:`gain_gen.certificate.checker.meant`).
+    """
+    every = content["conditions"] + content["models"]
+    for of in every:
+        for claim in of["claims"]:
+            if claim["name"] == STEERED:
+                of["driven"] = claim["disturbances"]
+        of["claims"] = [
+            {key: value for key, value in claim.items() if key not in ABOUT}
+            for claim in of["claims"]
+        ]
+    content["proved"] = {of["name"]: [claim["name"] for claim in of["claims"]] for of in every}
+    content["sha256"] = checker.digest(content)
 
 
 def _levels(
@@ -224,13 +275,12 @@ def condition_of(member: Member, record: Calibration) -> dict[str, Any]:
     plant = member.plant
     # the reading of the steering reaches the controller alone
     steering = plant.steering, np.zeros_like(plant.steering)
+    command = plant.command / (1 << fw.Q_MOMENT)
     return {
         "name": str(member.condition),
-        "speed": member.condition.speed,
         "gain_factor": gain_factor(record, member.condition.speed),
-        "a": texts(plant.a),
-        "b": texts(np.hstack([plant.command / (1 << fw.Q_MOMENT), plant.disturbance, *steering])),
-        "readings": texts(plant.measured[[0, 1, 3]]),
+        "flow": texts(np.hstack([plant.a, command, plant.disturbance, *steering])),
+        "readings": texts(plant.measured[[0, 1, 3]] * READINGS[:, None]),
         "roll": texts(member.roll),
         "claims": [],
     }
@@ -282,7 +332,6 @@ def _source(task: Task, calibration: LoadedCalibration) -> Mapping[str, Any]:
         "vehicle": task.vehicle.reference,
         "vehicle_sha256": task.vehicle.fingerprint,
         "actuator": task.actuator,
-        "delay_s": [task.delay.least, task.delay.most],
         "firmware_sha256": code.hexdigest(),
     }
 

@@ -1,11 +1,13 @@
-"""Checks a canroll certificate in exact and ball arithmetic: python checker.py FILE [CALIBRATION].
+"""Checks a canroll certificate in exact and ball arithmetic: python checker.py FILE CALIBRATION.
 
-It needs python-flint and the standard library alone. From the data of the file (the continuous car
-of each condition, the integers of the controller, bounds of delay and rounding) it builds the
-sampled loop and checks each claim's matrix inequality. The derivation is in docs/theory.md.
+It needs python-flint and the standard library alone. From the continuous car of each condition, the
+integers of the calibration and the bounds of delay and rounding it builds the sampled loop and
+checks each claim's matrix inequality. What a claim is about follows from its name alone, and which
+claims each condition must have is stated once more. The derivation is in docs/theory.md, what is
+assumed in docs/commands.md (canroll certify).
 """
 
-# ruff: noqa: ANN401, B905, PLR0917 - the numbers are those of flint; it is short to be read
+# ruff: noqa: ANN401, B905, RUF005 - the numbers are those of flint; it is short to be read
 import hashlib
 import json
 import sys
@@ -16,10 +18,12 @@ from typing import Any
 from flint import arb, arb_mat, ctx, fmpq
 
 ctx.prec = 192
-Q_READINGS, NEWTON_METRE = (27, 24, 14), 1 << 14
+FORMAT = "canroll certificate 3"
+SOURCE = ["actuator", "calibration_sha256", "firmware_sha256", "law", "vehicle", "vehicle_sha256"]
 MORE, REST = fmpq(101, 100), 101  # (a + b)^2 <= MORE a^2 + REST b^2
-LIMIT = 1 << 30  # of every value that the code stores; beyond it saturates
-COARSE = 1 << 13  # of the trigger, Q14: it rounds two commands, size and floor to quarters of a N m
+# of every value that the code stores, as it saturates; a unit; what the trigger rounds off: two
+# commands, size and floor to quarters of a N m
+LIMIT, NEWTON_METRE, COARSE = 1 << 30, 1 << 14, 1 << 13
 
 
 class Form(dict[Any, Any]):
@@ -34,8 +38,7 @@ class Form(dict[Any, Any]):
 
     def rounding(self, limits: Any = {}) -> Any:  # noqa: B006 - never changed
         """Return the most that all roundings, and variables with limits, together can make."""
-        limit = {k: fmpq(k[0] == "rounding") for k in self} | limits
-        return sum((abs(v) * limit[k] for k, v in self.items()), fmpq(0))
+        return sum((abs(v) * limits.get(k, k[0] == "rounding") for k, v in self.items()), fmpq(0))
 
 
 def variables(kind: str, size: int) -> list[Form]:
@@ -48,14 +51,14 @@ def combined(coefficients: Any, forms: list[Form]) -> Form:
     return sum((form.times(x) for x, form in zip(coefficients, forms, strict=True)), Form())
 
 
-def number(text: str) -> Any:
-    """Return the rational of "p/q" or "p"."""
-    return fmpq(*(int(part) for part in text.split("/")))
+def numbers(texts: list[str]) -> list[Any]:
+    """Return the rationals of a list, which no text is, of texts "p/q" or "p"."""
+    return [fmpq(text) for text in [] + texts]
 
 
 def balls(rows: Any) -> Any:
     """Return a matrix from rows of such texts."""
-    return arb_mat([[arb(number(text)) for text in row] for row in rows])
+    return arb_mat([numbers(row) for row in rows])
 
 
 def rows(names: Any, *forms: Form) -> Any:
@@ -63,15 +66,14 @@ def rows(names: Any, *forms: Form) -> Any:
     return arb_mat([[arb(form.get(name, 0)) for name in names] for form in forms])
 
 
-def squares(names: Any, terms: Any) -> Any:
+def squares(on: Any, terms: Any) -> Any:
     """Return the matrix of a sum of squares of forms, each times a factor."""
-    scaled = rows(names, *(form.times(factor) for factor, form in terms))
-    return rows(names, *(form for _, form in terms)).transpose() * scaled
+    return rows(on, *(f for _, f in terms)).transpose() * rows(on, *(f.times(x) for x, f in terms))
 
 
-def controller(c: Any, gain: int, y: list[Form], past: list[Form]) -> Any:
-    """Return command, next states and all that is stored on the way as forms, in ECU's units."""
-    steered, stored = Form({("d", 2): fmpq(1)}), list(y)
+def controller(c: Any, gain: int, y: list[Form], past: list[Form], stored: list[Form]) -> Any:
+    """Return command and next states as forms, in ECU's units; add all that is stored."""
+    (rate, lateral, moment), steered = y, variables("d", 3)[2]
 
     def row(coefficients: list[int], shift: int, forms: list[Form]) -> Form:
         exact = combined([fmpq(number, 1 << shift) for number in coefficients], forms)
@@ -82,7 +84,6 @@ def controller(c: Any, gain: int, y: list[Form], past: list[Form]) -> Any:
         rows = zip(c["phi"], c["gamma"], c["gamma_steering"], c["phi_shift"], strict=True)
         return [row([*phi, m, s], shift, [*x, moment, steered]) for phi, m, s, shift in rows]
 
-    rate, lateral, moment = y
     on_roll = {0: [[1]], 1: [c["output_gain"][2:]], 2: c["compensator_b"] + c["compensator_d"]}
     x = advance(variables("c", 5), moment) if any(k[0] for k in on_roll[c["law"]]) else []
     for m in [m for m in (0, 1) if x and c["measurements"] >> m & 1]:
@@ -93,8 +94,7 @@ def controller(c: Any, gain: int, y: list[Form], past: list[Form]) -> Any:
         stored += x
     roll = x[0] if x else Form()
     if c["law"] == 1:
-        wanted = row(c["output_gain"], c["output_gain_shift"], [rate, lateral, roll])
-        return row([gain], 28, [wanted]), x, stored
+        return row([gain], 28, [row(c["output_gain"], c["output_gain_shift"], [*y[:2], roll])]), x
     if c["law"] == 2:
         n, m = c["compensator_order"], c["compensator_outputs"]
         forms = [roll, rate, lateral, steered, *variables("c", len(x) + n)[len(x) :]]
@@ -102,7 +102,7 @@ def controller(c: Any, gain: int, y: list[Form], past: list[Form]) -> Any:
         forms += [row([gain], 28, [row(d + k[:n], s, forms)]) for d, k, s in list(rows)[:m]]
         states = list(zip(*(c[f"compensator_{name}"] for name in ("b", "a", "e", "shift"))))[:n]
         x += [row(b + a[:n] + e[:m], shift, forms) for b, a, e, shift in states]
-        return sum(forms[4 + n :], Form()), x, stored
+        return sum(forms[4 + n :], Form()), x
     ahead = x
     for command in past[: c["predict_steps"]][::-1]:
         change = row([c["actuator_rate"]], 30, [command + moment.times(-1)])
@@ -110,7 +110,7 @@ def controller(c: Any, gain: int, y: list[Form], past: list[Form]) -> Any:
         moment = moment + change
     wanted = row(c["feedback"], c["feedback_shift"], ahead)
     stored.append(wanted + row(c["feedforward"], c["feedforward_shift"], ahead))
-    return row([gain], 28, [stored[-1].times(-1)]), x, stored
+    return row([gain], 28, [stored[-1].times(-1)]), x
 
 
 def require(truth: Any, otherwise: str) -> None:
@@ -119,10 +119,9 @@ def require(truth: Any, otherwise: str) -> None:
         raise ValueError(otherwise)
 
 
-def positive(matrix: Any) -> bool:
+def positive(m: Any) -> bool:
     """Return whether x'Mx > 0 for all x and every matrix within the balls: by leading minors."""
-    both = matrix + matrix.transpose()
-    return all(part(both, k, range(k)).det() > 0 for k in range(1, both.nrows() + 1))
+    return all(part(m + m.transpose(), k, range(k)).det() > 0 for k in range(1, m.nrows() + 1))
 
 
 def norm(p: Any, vector: Any) -> Any:
@@ -135,30 +134,25 @@ def part(matrix: Any, rows: int, columns: Any) -> Any:
     return arb_mat([[matrix[i, j] for j in columns] for i in range(rows)])
 
 
-def flow(a: Any, b: Any, seconds: Any) -> Any:
-    """Return exp of [[A, B], [0, 0]] over a time: [[Phi, Gamma], [0, 1]]."""
-    rows = [[*left, *right] for left, right in zip(a.tolist(), b.tolist(), strict=True)]
-    return (arb_mat(rows + [[0] * len(rows[0])] * b.ncols()) * arb(seconds)).exp()
-
-
-def remainder(a: Any, b: Any, p: Any, channel: Any, tick: Any, ends: Any) -> Any:
+def remainder(flow: Any, p: Any, channel: Any, tick: Any, ends: Any) -> Any:
     """Return the most by which F(s) leaves centre + G w, |w| <= 1, between two instants, by P."""
-    n, cells = a.nrows(), abs(channel["cells"])
+    n, a, cells = p.nrows(), part(flow, p.nrows(), range(p.nrows())), abs(channel["cells"])
     g, onto, centre = (balls(channel[name]) for name in ("generators", "onto", "centre"))
-    step, full = (ends[1] - ends[0]) / cells, part(flow(a, b, tick), n, [n])
-    onward, time = flow(a, b, step), arb(step / 2, step / 2)
-    state, more = part(flow(a, b, tick - ends[1]), n + 1, [n]), a * a * (a * time).exp()
+    step, full = (ends[1] - ends[0]) / cells, part((flow * tick).exp(), n, [n])
+    onward, time = (flow * step).exp(), arb(step / 2, step / 2)
+    state, more = part((flow * (tick - ends[1])).exp(), flow.nrows(), [n]), (a * time).exp()
     one, complement = (onto * 0 * onto.transpose()).exp(), (a * 0).exp() - g * onto
     out, bow = [arb(0)] * 2, [arb(0)] * 2
     for _ in range(cells + 1):
-        at, state = part(state, n, [0]), onward * state
-        bend = a * (a * at + b)  # second derivative, in the cell by its series
+        at, bend = part(state, n, [0]), part(flow * flow * state, n, [0])  # second derivative
+        state = onward * state
         for i, (by, to) in enumerate(((one, onto), (p, complement))):
             out[i] = out[i].max(norm(by, to * (full - at - centre)))
-            bent = to * bend + to * (a * bend) * time + to * (more * bend) * (time**2 / 2)
+            # in the cell by its series
+            bent = to * bend + to * (a * bend) * time + to * (a * a * more * bend) * (time**2 / 2)
             bow[i] = bow[i].max(norm(by, bent))
     # between two points a curve is off its chord by an eighth of its second derivative
-    within, off = (x + y * arb(step * step / 8) for x, y in zip(out, bow))
+    within, off = (x + y * step * step / 8 for x, y in zip(out, bow))
     require(within <= 1, "the curve of the delay leaves its ellipsoid")
     return off
 
@@ -172,25 +166,23 @@ class Sampled:
     """
 
     def __init__(self, c: Any, condition: Any, claim: Any, tick: Any) -> None:
-        self.delay, self.off = (list(map(number, claim[k])) for k in ("delay", "resolution"))
+        self.delay, self.off = numbers(claim["delay"]), numbers(claim["resolution"])
         ages = range(int(-((-self.delay[1] / tick).floor())))
         self.ends = [[max(0, min(tick, s - j * tick)) for s in self.delay] for j in ages]
-        past = variables("u", max(len(ages), c["predict_steps"], 1))
-        x = variables("x", len(condition["a"]))
-        read = [combined(map(number, row), x) for row in condition["readings"]]
-        scaled = [form.times(1 << q) for form, q in zip(read, Q_READINGS, strict=True)]
-        y = [form + Form({("rounding", "y", j): self.off[j]}) for j, form in enumerate(scaled)]
+        past, self.outer = variables("u", max(len(ages), c["predict_steps"], 1)), variables("d", 3)
+        x, driven = variables("x", len(condition["flow"])), claim["disturbances"]
+        y = [combined(numbers(row), x) for row in condition["readings"]]
+        y = [form + Form({("rounding", "y", j): self.off[j]}) for j, form in enumerate(y)]
         heard = [u + Form({("rounding", "u", j): self.off[3]}) for j, u in enumerate(past)]
-        command, inner, stored = controller(c, condition["gain_factor"], y, heard)
-        self.trigger, noise = int(bool(claim["trigger"])), variables("n", len(inner))
+        command, inner = controller(c, condition["gain_factor"], y, heard, stored := [*y])
+        self.trigger, noise = int(claim["trigger"]), variables("n", len(inner))
         self.error = variables("e", 1 + self.trigger)
         self.sent = sum(self.error, command + Form({("rounding", "sent"): self.off[4]}))
-        self.roll, self.stored = combined(map(number, condition["roll"]), x), [*stored, self.sent]
+        self.roll, self.stored = combined(numbers(condition["roll"]), x), [*stored, self.sent]
         self.jumps = [past[j] + (past[j - 1] if j else self.sent).times(-1) for j in ages]
         self.shifted = [self.sent, *past[:-1], *(s + n for s, n in zip(inner, noise))]
-        self.driven = [Form({("d", each["input"]): fmpq(1)}) for each in claim["disturbances"]]
         self.states = [*x, *past, *variables("c", len(inner))]
-        self.inputs = [*self.error, *noise, *self.driven]
+        self.inputs = [*self.error, *noise, *(self.outer[each["input"]] for each in driven)]
         self.places = [variables(f"w{j}", len(w["onto"])) for j, w in enumerate(claim["channels"])]
         self.names = [name for form in sum(self.places, self.states + self.inputs) for name in form]
         # a held command was sent with its resolution: twice that, as the threshold is at most one
@@ -200,38 +192,34 @@ class Sampled:
 
 def proved(c: Any, condition: Any, claim: Any, tick: Any) -> dict[str, Any]:
     """Return the bounds that a claim's inequality proves; ValueError where it does not hold."""
-    loop = Sampled(c, condition, claim, tick)
-    names, a, p = loop.names, balls(condition["a"]), balls(claim["p"])
-    n, inputs = a.nrows(), balls(condition["b"])
-    decay, slack, *weights = map(number, (claim["decay"], claim["slack"], *claim["weights"]))
-    limits = {("d", each["input"]): number(each["most"]) for each in claim["disturbances"]}
+    loop, n, p = Sampled(c, condition, claim, tick), len(condition["flow"]), balls(claim["p"])
+    decay, slack, switching = numbers([claim[k] for k in ("decay", "slack", "switching")])
+    weights, share = numbers(claim["weights"]), fmpq(c["trigger_epsilon_squared"], 1 << 20) * MORE
+    limits = {("d", each["input"]): fmpq(each["most"]) for each in claim["disturbances"]}
     bounds = [*loop.squares, *(most**2 for most in limits.values())]
-    spent = sum((w * square for w, square in zip(weights, bounds)), fmpq(0))
-    share = loop.trigger * MORE * fmpq(c["trigger_epsilon_squared"], 1 << 20)
-    fine = 0 <= loop.delay[0] <= loop.delay[1] and slack > 0 and decay < 1 and share <= MORE
-    fine &= min(*loop.off, *weights, *limits.values(), 0) >= 0
-    fine &= len(loop.ends) == len(loop.places) and loop.trigger * c["compensator_outputs"] < 2
+    spent = sum((w * square for w, square in zip(weights, bounds, strict=True)), fmpq(0))
+    fine = 0 <= loop.delay[0] <= loop.delay[1] and min(*loop.off, *weights, *limits.values()) >= 0
+    fine &= slack > 0 > decay - 1 and share <= MORE and loop.trigger * c["compensator_outputs"] < 2
 
-    held, b, plant = flow(a, inputs, tick), part(inputs, n, [0]), part(p, n, range(n))
-    full = part(held, n, [n])
-    moved = part(held, n, range(n)) * rows(names, *loop.states[:n]) + full * rows(names, loop.sent)
-    terms = [(weights[0] * share, loop.sent), (int(bool(claim["performance"])), loop.roll)]
+    names, flow = loop.names, balls(condition["flow"] + [["0"] * (n + 4)] * 4)
+    acting = [*loop.states[:n], loop.sent, *loop.outer]
+    after = [combined(row, acting) for row in (flow * tick).exp().tolist()[:n]]
+    terms = [(loop.trigger * weights[0] * share, loop.sent), (int(claim["performance"]), loop.roll)]
     # what is withheld is zero, or the command is that before: any multiple of the product is zero
-    q, change = loop.trigger * number(claim["switching"]) / 4, loop.sent + loop.states[n].times(-1)
+    q, change = loop.trigger * switching / 4, loop.sent + loop.states[n].times(-1)
     terms += [(q, change + loop.error[0]), (-q, change + loop.error[0].times(-1))]
-    for ends, jump, w, channel in zip(loop.ends, loop.jumps, loop.places, claim["channels"]):
-        rho, d = remainder(a, b, plant, channel, tick, ends), number(channel["weight"])
-        centre, generators = balls(channel["centre"]), balls(channel["generators"])
-        moved += centre * rows(names, jump) + generators * rows(names, *w)
+    channels = zip(loop.ends, loop.jumps, loop.places, claim["channels"], strict=True)
+    for ends, jump, w, channel in channels:
+        rho, d = remainder(flow, part(p, n, range(n)), channel, tick, ends), fmpq(channel["weight"])
+        onto = [balls(channel[name]).tolist() for name in ("centre", "generators")]
+        after = [f + combined(m + g, [jump, *w]) for f, m, g in zip(after, *onto, strict=True)]
         terms += [(d + rho**2 * ((1 + 1 / slack) * len(loop.ends)), jump), *((-d, f) for f in w)]
-    for each, form in zip(claim["disturbances"], loop.driven):
-        moved += part(held, n, [n + 1 + each["input"]]) * rows(names, form)
-    after, states = moved.tolist() + rows(names, *loop.shifted).tolist(), rows(names, *loop.states)
     terms += [(-w, form) for w, form in zip(weights, loop.inputs, strict=True)]
+    step, states = rows(names, *after, *loop.shifted), rows(names, *loop.states)
     form = states.transpose() * p * states * decay - squares(names, terms)
-    form -= arb_mat(after).transpose() * p * arb_mat(after) * (1 + slack)
+    form -= step.transpose() * p * step * (1 + slack)
     require(fine and positive(p) and positive(form), "the inequality does not hold")
-    level, inverse = arb(spent / (1 - decay)).sqrt(), ((p + p.transpose()) * arb(0.5)).inv()
+    level, inverse = arb(spent / (1 - decay)).sqrt(), ((p + p.transpose()) / 2).inv()
 
     def most(form: Form) -> Any:
         return level * norm(inverse, states * rows(names, form).transpose()) + form.rounding(limits)
@@ -242,48 +230,65 @@ def proved(c: Any, condition: Any, claim: Any, tick: Any) -> dict[str, Any]:
 
 def theorem(c: Any, model: Any, claim: Any, _: Any) -> dict[str, Any]:
     """Check the level of a roll model behind a delay; ValueError where the inequality fails."""
-    tau, r, omega, level = (number(claim[k]) for k in ("delay", "r", "omega", "gamma_squared"))
-    share = int(bool(claim["trigger"])) * fmpq(c["trigger_epsilon_squared"], 1 << 20)
-    gain, p = fmpq(c["output_gain"][0] << 13, 1 << c["output_gain_shift"]), balls(claim["p"])
-    names = [("x", i) for i in range(1 + len(model["flow"][0]))]
-    roll, rate, q, e, *w = variables("x", len(names))
-    sent, z = q + e.times(-1), combined(map(number, model["performance"]), [roll, rate])
-    moved = [combined(map(number, row), [roll, rate, sent, *w]) for row in model["flow"]]
+    tau, p = fmpq(claim["delay"][1]), balls(claim["p"])
+    r, omega, level = numbers([claim[k] for k in ("r", "omega", "gamma_squared")])
+    share = int(claim["trigger"]) * fmpq(c["trigger_epsilon_squared"], 1 << 20)
+    gain = fmpq(c["output_gain"][0] << 13, 1 << c["output_gain_shift"])
+    roll, rate, q, e, *w = every = variables("x", 1 + len(model["flow"][0]))
+    sent, z = q + e.times(-1), combined(numbers(model["performance"]), [roll, rate])
+    moved = [combined(numbers(row), [roll, rate, sent, *w]) for row in model["flow"]]
     terms = [(1, z), (omega * share, sent), (-omega, e), (r * tau, moved[1].times(gain))]
     terms += [(-r / (tau or 1), rate.times(gain) + q.times(-1)), *((-level, each) for each in w)]
+    names = [name for form in every for name in form]
     form = rows(names, roll, rate).transpose() * (p + p.transpose()) * rows(names, *moved)
     form += squares(names, terms)
     fine = c["law"] == 1 and not any(c["output_gain"][1:]) and min(tau, r, omega, level) >= 0
-    require(fine and positive(p) and positive(form * -1), "the inequality does not hold")
+    fine &= claim["performance"] and positive(p) and positive(form * -1)
+    require(fine, "the inequality does not hold")
     return {}
 
 
-def digest(content: Any) -> str:
+def meant(content: Any, of: Any, name: str, tick: Any) -> dict[str, Any]:
+    """Return what a claim is about, by its name alone."""
+    (least, most, filtered), moment = numbers(content["delay"]), [{"input": 0, "most": "0"}]
+    lost = int(name[0]) if name[1:] == " lost" else 0
+    driven: Any = {"every tick": [], "event trigger": [], f"{lost} lost": [], "level": moment}
+    driven |= {"level with event trigger": moment, "level without delay": moment}
+    driven |= {"steered": of.get("driven") or None}
+    most += lost * tick + filtered * ("performance" in of)
+    delay = [str(seconds * ("without" not in name)) for seconds in (least, most)]
+    about = {"delay": delay, "resolution": content["resolution"], "disturbances": driven[name]}
+    return {**about, "trigger": name.endswith("trigger"), "performance": name.startswith("level")}
+
+
+def digest(c: Any) -> str:
     """Return the SHA-256 of a certificate's contents without its own."""
-    body = json.dumps({**content, "sha256": ""}, sort_keys=True)
-    return hashlib.sha256(body.encode()).hexdigest()
+    return hashlib.sha256(json.dumps({**c, "sha256": ""}, sort_keys=True).encode()).hexdigest()
 
 
-def check(content: Any, integers: Any = None) -> str:
-    """Return why a certificate proves nothing, or "" where every claim of it is proved."""
-    if content["sha256"] != digest(content):
-        return "the digest does not match the contents"
-    c = content["integers"]
-    if integers is not None and any(integers[name] != value for name, value in c.items()):
-        return "the integers are not those of the calibration"
+def check(content: Any, c: Any) -> Any:
+    """Yield every claim for the integers of a calibration once it is proved; raise otherwise."""
+    require(content["format"] == FORMAT, f"its format is not {FORMAT!r}")
+    require(content["sha256"] == digest(content), "the digest does not match the contents")
+    require(sorted(content["source"]) == SOURCE, "its source is incomplete")
     conditions, tick = content["conditions"] + content["models"], fmpq(c["tick_us"], 1000000)
-    for condition, claim in [(of, each) for of in conditions for each in of["claims"]]:
-        try:
-            answer = (theorem if "flow" in condition else proved)(c, condition, claim, tick)
-            require(all(v <= number(claim[k]) for k, v in answer.items()), "a bound is not proved")
-        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-            return f"{condition['name']}, {claim['name']}: {error}"
-    return ""
+    stated = {of["name"]: [claim["name"] for claim in of["claims"]] for of in conditions}
+    require(stated == content["proved"] and any(stated.values()), "its claims are not those stated")
+    require(len(stated) == len(conditions), "two conditions have one name")
+    for of, claim in [(each, claim) for each in conditions for claim in each["claims"]]:
+        about = claim | meant(content, of, claim["name"], tick)
+        answer = (theorem if "performance" in of else proved)(c, of, about, tick)
+        require(all(v <= fmpq(claim[k]) for k, v in answer.items()), "a bound is not proved")
+        yield f"proved: {of['name']}: {claim['name']}\n"
 
 
 if __name__ == "__main__":
-    texts = [Path(name).read_text(encoding="utf-8") for name in sys.argv[1:3]]
-    fields = tomllib.loads(texts[1])["calibration"] if len(texts) > 1 else None
-    refusal = check(json.loads(texts[0]), fields)
-    print(f"no: {refusal}" if refusal else "yes: every claim is proved")
-    sys.exit(1 if refusal else 0)
+    sys.excepthook = lambda kind, error, _: print(
+        "not valid:", *f"{kind.__name__}: {error}".split()
+    )
+    certificate, calibration = (Path(name).read_bytes() for name in sys.argv[1:])
+    content, fields = json.loads(certificate), tomllib.loads(calibration.decode())["calibration"]
+    sha256 = hashlib.sha256(calibration).hexdigest()
+    require(content["source"]["calibration_sha256"] == sha256, "the calibration is another")
+    sys.stdout.writelines(check(content, fields))
+    print("valid: every claim is proved")

@@ -67,14 +67,14 @@ class Wish:
 
     Attributes:
         name: of the claim.
-        delay: least and most from the sample to the force, s.
+        delay: least and most from the sample to the force, s; exactly these rationals.
         resolution: bounds of the roundings of readings and commands, in the ECU's units.
         trigger: commands are withheld by the event trigger.
         disturbances: bound of each input of the condition besides the command.
     """
 
     name: str
-    delay: tuple[float, float]
+    delay: tuple[float | Fraction, float | Fraction]
     resolution: Sequence[str]
     trigger: bool = False
     disturbances: Mapping[int, float] = field(default_factory=dict)
@@ -107,7 +107,7 @@ def prove_level(
 def _claim(wish: Wish) -> dict[str, Any]:
     return {
         "name": wish.name,
-        "delay": texts(np.array(wish.delay)),
+        "delay": [str(Fraction(seconds)) for seconds in wish.delay],
         "resolution": list(wish.resolution),
         "trigger": wish.trigger,
         "performance": False,
@@ -166,8 +166,9 @@ def uncertain(
     sampled: checker.Sampled,
 ) -> tuple[list[Reach], UncertainLoop]:
     """Return the places of the delays, and the loop in floating point."""
-    a, readings_roll, inputs = (_floats(condition[key]) for key in ("a", "roll", "b"))
-    n, b, tick, order = len(a), inputs[:, 0], 1e-6 * c["tick_us"], len(sampled.states)
+    flow, roll = _floats(condition["flow"]), _floats(condition["roll"])
+    n, tick, order = len(flow), 1e-6 * c["tick_us"], len(sampled.states)
+    a, inputs, b = flow[:, :n], flow[:, n:], flow[:, n]
     size = order + len(sampled.inputs)
 
     def row(form: checker.Form) -> Matrix:
@@ -210,7 +211,7 @@ def uncertain(
         trigger=trigger,
         stored=np.array([row(form)[:order] for form in sampled.stored]) / checker.LIMIT,
         spread=np.array([_float(form.rounding(limits)) for form in sampled.stored]) / checker.LIMIT,
-        roll=np.concatenate([readings_roll, np.zeros(order - n)]),
+        roll=np.concatenate([roll, np.zeros(order - n)]),
     )
 
 

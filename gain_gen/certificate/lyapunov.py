@@ -215,8 +215,8 @@ def _least(a: Matrix, b: Matrix, c: Matrix, d: Matrix) -> Matrix | None:
     for _ in range(DOUBLINGS):
         if not np.linalg.eigvalsh(rest - c @ w @ c.T)[0] > 0.0:
             return None
-        onward = step @ np.linalg.inv(identity + g @ w)
-        more = step.T @ w @ np.linalg.solve(identity + g @ w, step)
+        inverse = np.linalg.inv(identity + g @ w)
+        more, onward = step.T @ w @ inverse @ step, step @ inverse
         w, g, step = w + 0.5 * (more + more.T), g + onward @ g @ step.T, onward @ step
         if np.abs(more).max() <= EXACT * np.abs(w).max():
             return w if np.linalg.eigvalsh(w)[0] > 0.0 else None

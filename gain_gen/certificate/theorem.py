@@ -29,6 +29,8 @@ from vehicles import RollModel
 
 RAISED = (1e-5, 1e-4, 1e-3)
 """Shares by which the solver's γ² is raised, so that the inequality holds strictly."""
+WITHOUT_DELAY, LEVEL = "level without delay", "level"
+TRIGGER_LEVEL = "level with event trigger"
 SHORT = 1e-3
 """Delay, relative to the inverse of the roll frequency, at which "no delay" is solved."""
 
@@ -40,7 +42,7 @@ def applies(record: Calibration) -> bool:
     )
 
 
-def theorems(integers: Mapping[str, Any], model: RollModel, delay: float) -> dict[str, Any]:
+def theorems(integers: Mapping[str, Any], model: RollModel, delay: Fraction) -> dict[str, Any]:
     """Return the roll model with a claim of each inequality that holds.
 
     Args:
@@ -57,12 +59,12 @@ def theorems(integers: Mapping[str, Any], model: RollModel, delay: float) -> dic
         "claims": [],
     }
     program = EventProgram(plant)
-    wanted = [("level without delay", 0.0, False), ("level with delay", delay, False)]
+    wanted = [(WITHOUT_DELAY, Fraction(0), False), (LEVEL, delay, False)]
     if integers["trigger_epsilon_squared"]:
-        wanted.append(("level with delay and event trigger", delay, True))
+        wanted.append((TRIGGER_LEVEL, delay, True))
     for name, seconds, trigger in wanted:
-        wish = {"name": name, "trigger": trigger, "delay": rational(seconds)}
-        claim = _claim(program, plant, integers, content, wish)
+        of = {"trigger": trigger, "performance": True, "delay": [str(seconds), str(seconds)]}
+        claim = _claim(program, plant, integers, content, {"name": name, **of})
         if claim is not None:
             content["claims"].append(claim)
     return content
@@ -76,7 +78,7 @@ def _claim(
     wish: dict[str, Any],
 ) -> dict[str, Any] | None:
     """Return the claim of a wish with the numbers of the solver's point, or None."""
-    seconds = float(Fraction(wish["delay"]))
+    seconds = float(Fraction(wish["delay"][1]))
     unit = 2.0 ** (Q_RATE - Q_MOMENT - integers["output_gain_shift"])
     gain = integers["output_gain"][0] * unit * plant.frequency / plant.stiffness
     share = integers["trigger_epsilon_squared"] / 2.0**20 if wish["trigger"] else 0.0

@@ -78,6 +78,7 @@ def test_the_loop_of_the_integers_is_that_of_the_margins(law, predicted, calibra
             "delay": texts(np.array([delay - member.filtered] * 2)),
             "resolution": ["0"] * 5,
             "trigger": False,
+            "performance": False,
             "disturbances": [],
             "channels": [
                 {"generators": [["0"]], "onto": [["0"]]} for _ in range(math.ceil(delay / 0.01))
@@ -250,6 +251,19 @@ def test_a_single_delay_without_a_proof_is_an_answer(calibrated):
     assert prove_level(loud, condition, Wish(LEVEL, (0.0024, 0.0095), resolution)) is None
 
 
+def test_a_loop_without_a_gain_is_an_answer(calibrated):
+    """No command depends on any delay, and none is withheld: there is nothing to balance."""
+    calibration = calibrated("hinf_delay")
+    task, member, integers = parts(calibration)
+    condition = condition_of(member, calibration.record)
+    resolution = resolutions(task.vehicle, calibration.record)
+    silent = integers | {"output_gain": [0, 0, 0]}
+    wish = Wish(EVERY_TICK, bounds(task, member), resolution)
+    assert prove(silent, condition, wish) is not None
+    with np.errstate(divide="raise", invalid="raise"):
+        prove(silent, condition, replace(wish, name=TRIGGER, trigger=True))
+
+
 def test_another_loop_is_refused(calibrated):
     calibration = calibrated("hinf_delay")
     task = task_of(calibration)
@@ -334,7 +348,7 @@ def test_steering_drives_no_stored_value_beyond_its_limit(certified, calibrated)
     task, member, _ = parts(calibration)
     condition = certified.content["conditions"][0]
     claim = next(claim for claim in condition["claims"] if claim["name"] == STEERED)
-    most = {each["input"]: float(Fraction(each["most"])) for each in claim["disturbances"]}
+    most = {each["input"]: float(Fraction(each["most"])) for each in condition["driven"]}
     roll, moment = float(Fraction(claim["roll_rad"])), float(Fraction(claim["moment_nm"]))
     assert certified.steered >= 1.0
     car = member.plant

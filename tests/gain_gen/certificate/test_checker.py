@@ -16,9 +16,17 @@ import pytest
 pytest.importorskip("flint")
 
 from gain_gen.certificate import checker
+from gain_gen.certificate.certificate import INTEGERS
 
 SOURCE = Path(checker.__file__).read_text(encoding="utf-8")
 MUTATIONS = 200
+
+
+@pytest.fixture(scope="module")
+def integers(calibrated):
+    """The integers of the calibration that is certified."""
+    record = calibrated("hinf_delay").record
+    return {name: getattr(record, name) for name in INTEGERS}
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +39,8 @@ def certificate(certified):
         condition["claims"] = sorted(claims, key=lambda claim: names.index(claim["name"]))
     assert [c["name"] for c in content["conditions"][0]["claims"]] == list(names)
     assert len(content["models"][0]["claims"]) == 3
+    for of in content["conditions"]:
+        content["proved"][of["name"]] = [claim["name"] for claim in of["claims"]]
     return signed(content)
 
 
@@ -38,6 +48,15 @@ def signed(content):
     """Return the contents with the digest that belongs to them."""
     content["sha256"] = checker.digest(content)
     return content
+
+
+def refusal(content, integers):
+    """Return why the checker refuses, or "" where it accepts."""
+    try:
+        list(checker.check(content, integers))
+    except Exception as error:
+        return repr(error)
+    return ""
 
 
 def leaves(node, path=()):
@@ -71,8 +90,10 @@ def other(value):
     return str(Fraction(value) * Fraction(1000001, 1000000) + Fraction(1, 1 << 60))
 
 
-def test_it_accepts_what_is_proved(certificate):
-    assert checker.check(certificate) == ""
+def test_it_accepts_what_is_proved_and_names_it(certificate, integers):
+    lines = list(checker.check(certificate, integers))
+    assert len(lines) == 8
+    assert lines[0] == "proved: laden, 80 km/h: every tick\n"
 
 
 def test_it_has_at_most_200_lines_of_code_and_imports_nothing_of_the_project():
@@ -98,27 +119,38 @@ def test_it_runs_alone_and_compares_the_integers(certificate, calibrated, tmp_pa
     (tmp_path / "certificate.json").write_text(json.dumps(certificate), encoding="utf-8")
     other_file = calibrated("lqr").path
 
-    def answer(calibration):
-        command = [sys.executable, "-I", "check.py", "certificate.json", str(calibration)]
+    def answer(calibration, file="certificate.json"):
+        command = [sys.executable, "-I", "check.py", file, str(calibration)]
         done = subprocess.run(
             command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
         )
         return done.returncode, done.stdout
 
-    assert answer(calibrated("hinf_delay").path) == (0, "yes: every claim is proved\n")
-    code, text = answer(other_file)
-    assert code == 1
-    assert "integers are not those" in text
+    calibration = calibrated("hinf_delay").path
+    code, text = answer(calibration)
+    assert (code, text.splitlines()[-1]) == (0, "valid: every claim is proved")
+    assert answer(other_file) == (1, "not valid: ValueError: the calibration is another\n")
+    older = certificate | {"format": "canroll certificate 2"}
+    without = {key: value for key, value in certificate.items() if key != "source"}
+    for contents in ("", "[1, 2]", "null", '{"format": 3', json.dumps(without), "\x00\n\n"):
+        (tmp_path / "malformed.json").write_text(contents, encoding="utf-8")
+        code, text = answer(calibration, "malformed.json")
+        assert code == 1
+        assert text.startswith("not valid: ")
+        assert text.count("\n") == 1
+    (tmp_path / "malformed.json").write_text(json.dumps(older), encoding="utf-8")
+    words = "not valid: ValueError: its format is not 'canroll certificate 3'\n"
+    assert answer(calibration, "malformed.json") == (1, words)
 
 
-def test_no_changed_number_passes(certificate):
+def test_no_changed_number_passes(certificate, integers):
     paths = list(leaves(certificate))
     assert len(paths) > 10 * MUTATIONS
     draw = random.Random(1)
     for path in draw.sample(paths, MUTATIONS):
         mutated = changed(certificate, path, other)
         assert mutated != certificate
-        assert checker.check(mutated), path
+        assert refusal(mutated, integers), path
 
 
 CLAIM = ("conditions", 1, "claims", 0)
@@ -150,7 +182,7 @@ def negated(value):
         ((*CLAIM, "channels", 1, "cells"), lambda _: -1),
         ((*CLAIM, "weights", 0), lambda value: str(Fraction(value) / 10**6)),
         ((*CLAIM, "weights"), lambda weights: [*weights, weights[0]]),
-        ((*TRIGGER, "trigger"), lambda _: False),
+        ((*TRIGGER, "name"), lambda _: "every tick"),
         ((*TRIGGER, "switching"), negated),
         ((*TRIGGER, "switching"), lambda value: str(10 * Fraction(value))),
         ((*TRIGGER, "weights", 0), lambda value: str(Fraction(value) / 10**6)),
@@ -163,18 +195,18 @@ def negated(value):
         ((*THEOREM, "r"), negated),
         ((*THEOREM, "r"), lambda _: "0"),
         ((*THEOREM, "omega"), lambda _: "0"),
-        ((*THEOREM, "delay"), lambda _: "1"),
+        (("delay", 2), lambda _: "1"),
         (("models", 0, "flow", 1, 1), lambda _: "1"),
         (("models", 0, "performance", 0), lambda _: "9"),
-        ((*CLAIM, "trigger"), lambda _: True),
-        ((*CLAIM, "trigger"), lambda _: -1),
-        ((*LEVEL, "disturbances", 0, "most"), lambda _: "-1"),
+        ((*CLAIM, "name"), lambda _: "event trigger"),
+        ((*CLAIM, "name"), lambda _: "steered"),
+        ((*CLAIM, "name"), lambda _: "-1 lost"),
         ((*CLAIM, "weights", 0), negated),
-        ((*CLAIM, "delay", 1), lambda _: "1/5"),
-        ((*CLAIM, "delay", 1), lambda _: "1/400"),
-        ((*CLAIM, "delay", 0), lambda _: "-1/1000"),
-        ((*CLAIM, "resolution", 0), lambda value: str(2 * int(value))),
-        ((*CLAIM, "resolution", 4), negated),
+        (("delay", 1), lambda _: "1/5"),
+        (("delay", 1), lambda _: "1/400"),
+        (("delay", 0), lambda _: "-1/1000"),
+        (("resolution", 0), lambda value: str(2 * int(value))),
+        (("resolution", 4), negated),
         ((*CLAIM, "p", 0, 0), negated),
         ((*CLAIM, "p", 0, 1), less),
         ((*CLAIM, "p"), lambda rows: rows[:-1]),
@@ -187,18 +219,29 @@ def negated(value):
         ((*CLAIM, "channels", 1, "onto", 0, 10), lambda value: str(Fraction(value) + 10**9)),
         (("conditions", 1, "gain_factor"), lambda value: 8 * value),
         (("conditions", 1, "gain_factor"), lambda value: -4 * value),
-        (("conditions", 1, "b", 10, 0), lambda value: str(8 * Fraction(value))),
-        (("conditions", 1, "a", 2, 2), lambda _: "100"),
-        (("integers", "output_gain", 0), lambda value: 8 * value),
-        (("integers", "output_gain_shift"), lambda value: value - 3),
-        (("integers", "trigger_epsilon_squared"), lambda _: 1 << 20),
-        (("integers", "trigger_floor"), lambda value: 2 * value),
+        (("conditions", 1, "flow", 10, 13), lambda value: str(8 * Fraction(value))),
+        (("conditions", 1, "flow", 2, 2), lambda _: "100"),
     ],
 )
-def test_mathematics_refuses_what_is_not_proved_with_the_right_digest(certificate, path, change):
+def test_mathematics_refuses_what_is_not_proved_with_the_right_digest(
+    certificate, integers, path, change
+):
     mutated = changed(certificate, path, change)
     assert mutated != certificate
-    assert checker.check(signed(mutated))
+    assert refusal(signed(mutated), integers)
+
+
+@pytest.mark.parametrize(
+    ("path", "change"),
+    [
+        (("output_gain", 0), lambda value: 8 * value),
+        (("output_gain_shift",), lambda value: value - 3),
+        (("trigger_epsilon_squared",), lambda _: 1 << 20),
+        (("trigger_floor",), lambda value: 2 * value),
+    ],
+)
+def test_mathematics_refuses_other_integers(certificate, integers, path, change):
+    assert refusal(certificate, changed(integers, path, change))
 
 
 def test_a_matrix_that_is_not_symmetric_proves_no_level():
@@ -207,7 +250,8 @@ def test_a_matrix_that_is_not_symmetric_proves_no_level():
     peak = max(1.0 / abs(4.0 - w**2 + 0.8j * w) ** 2 for w in frequencies)
     c = {"law": 1, "output_gain": [0, 0, 0], "output_gain_shift": 13, "trigger_epsilon_squared": 0}
     model = {"flow": [["0", "1", "0", "0"], ["-4", "-4/5", "-1", "1"]], "performance": ["1", "0"]}
-    claim = {"delay": "0", "r": "1000", "omega": "1000", "trigger": False}
+    claim = {"delay": ["0", "0"], "r": "1000", "omega": "1000"}
+    claim |= {"trigger": False, "performance": True}
 
     def level(square, p):
         return checker.theorem(c, model, claim | {"gamma_squared": square, "p": p}, None)
