@@ -253,6 +253,7 @@ def to_json(
         "delay_max_s": task.delay.most,
         "roll_rounding_deg": roll,
         "moment_rounding_nm": moment,
+        "draws": certificate.draws,
         "trigger_proved": certificate.triggered,
         "commands_lost": certificate.lost,
         "steered_m_s2": certificate.steered,
