@@ -3,14 +3,16 @@
 import argparse
 import json
 import math
+import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import vehicles
+from canroll.cases.engine import LOCAL, engine
 from canroll.cli.options import choices_of
 from canroll.errors import CanrollError, optional, writing
 from canroll.report.staging import check_parent
@@ -50,13 +52,13 @@ def run(args: argparse.Namespace) -> int:
     """Certify, check and report; 1 where the loop is not proved in every condition."""
     optional("flint", "canroll certify", "certify")
     from gain_gen.certificate import checker  # noqa: PLC0415 - need the extra
-    from gain_gen.certificate.certificate import INTEGERS, certify  # noqa: PLC0415
+    from gain_gen.certificate.certificate import INTEGERS  # noqa: PLC0415
     from gain_gen.certificate.coverage import least_stable, shortfall  # noqa: PLC0415
 
     calibration = calibration_file.load(args.calibration)
     path = None if args.json and args.out is None else _certificate(args.out, calibration)
     task = _task(args, calibration)
-    certificate = certify(task, calibration)
+    certificate = _certified(task, calibration)
     worst = least_stable(certificate.unproved, calibration, task.delay.most)[:MOST]
     missing = [shortfall(member, task, calibration, certificate.delay) for member in worst]
     text = json.dumps(certificate.content, indent=1, ensure_ascii=False)
@@ -76,6 +78,21 @@ def run(args: argparse.Namespace) -> int:
         print(f"checked again from the file by checker.py in {took:.1f} s")
         print(f"written: {path}")
     return 0 if certificate.proved else 1
+
+
+def _certified(task: Task, calibration: LoadedCalibration) -> "Certificate":
+    """Return the certificate; the many cars of a fitted vehicle are proved on all cores."""
+    from gain_gen.certificate.certificate import certify  # noqa: PLC0415 - needs the extra
+
+    if task.vehicle.fit is None:
+        return certify(task, calibration)
+    with engine(LOCAL, os.cpu_count() or 1) as pool:
+
+        def over(work: Callable[..., Any], *columns: Iterable[Any]) -> list[Any]:
+            started = [pool.submit(work, *row) for row in zip(*columns, strict=True)]
+            return [future.result() for future in started]
+
+        return certify(task, calibration, over)
 
 
 def _certificate(out: Path | None, calibration: LoadedCalibration) -> Path:
@@ -113,22 +130,25 @@ def lines(
     calibration: LoadedCalibration,
 ) -> Iterator[str]:
     """Yield the answer, then what is proved under which assumptions and what is not."""
-    conditions = len(certificate.content["conditions"])
+    conditions = certificate.conditions
+    where = f"in all {conditions} conditions"
+    if certificate.draws:
+        where += f" of the car and of each of {certificate.draws} cars drawn from its fit"
     extent = f"{1e3 * task.delay.least:.4g} to {1e3 * task.delay.most:.4g} ms"
     loop = f"{calibration.law} for {task.vehicle.reference}"
     limit = calibration.record.moment_max / (1 << Q_MOMENT)
     if not certificate.proved:
         yield (
             f"NOT PROVED: {loop}, delays of {extent} from sample to force: no proof in "
-            f"{len(certificate.unproved)} of {conditions} conditions"
+            f"{len(certificate.unproved)} of {len(certificate.content['conditions'])} conditions"
         )
         for short in missing:
             yield from _short(short)
     else:
         yield (
             f"proved: {loop} is stable for every sequence of delays of {extent} from sample to "
-            f"force, a new one every tick, in all {conditions} conditions, with the integers as "
-            "stored and a command every tick"
+            f"force, a new one every tick, {where}, with the integers as stored and a command "
+            "every tick"
         )
         roll, moment = certificate.worst("every tick")
         yield (
@@ -140,11 +160,17 @@ def lines(
         lost = f"up to {certificate.lost} commands in a row" if certificate.lost else "no command"
         yield f"it stays proved where {lost} may be lost again and again"
         yield _steered(certificate, limit)
+        yield (
+            f"in every claim {', '.join(certificate.ranges)} stay within the ranges from any state "
+            "of which canroll prove shows that nothing overflows"
+        )
     yield from _levels(certificate)
     if certificate.note:
         yield f"warning: the only condition is the 1-DOF roll model: {certificate.note}"
     for sentence in certificate.assumptions:
         yield f"assumed: {sentence}"
+    if certificate.draws:
+        yield "not proved of the drawn cars: anything but stability and roundings every tick"
     yield f"not proved: {SIMULATED}"
 
 
@@ -227,6 +253,7 @@ def to_json(
         "delay_max_s": task.delay.most,
         "roll_rounding_deg": roll,
         "moment_rounding_nm": moment,
+        "draws": certificate.draws,
         "trigger_proved": certificate.triggered,
         "commands_lost": certificate.lost,
         "steered_m_s2": certificate.steered,

@@ -4,7 +4,8 @@ Claims of each condition of the family, for every sequence of delays within boun
 tick:
 
 ``every tick``
-    the bounds are those of the task; commands are sent every tick.
+    the bounds are those of the task; commands are sent every tick. It alone is also claimed for
+    the cars drawn from a fitted vehicle's spread.
 ``event trigger``
     the same with the commands that the event trigger withholds.
 ``n lost``
@@ -20,7 +21,7 @@ Claims of the 1-DOF roll model are the papers' inequalities (:mod:`gain_gen.cert
 
 import hashlib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -37,10 +38,12 @@ from firmware.calibration import Calibration
 from firmware.schedule import schedule
 from firmware.state import RX_VEHICLE_MOTION, Ecu
 from gain_gen.analysis.family import Member, family_of
+from gain_gen.analysis.fitted_family import with_draws
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from gain_gen.certificate import checker
 from gain_gen.certificate.claim import Wish, prove, prove_level, texts
 from gain_gen.certificate.disturbed import LATERAL, disturbances
+from gain_gen.certificate.stored_ranges import within_ranges
 from gain_gen.certificate.theorem import (
     LEVEL,
     TRIGGER_LEVEL,
@@ -52,6 +55,7 @@ from gain_gen.certificate.theorem import (
 from gain_gen.laws.rate_gain import free_peak
 from gain_gen.models.task import Task
 from vehicles import Vehicle
+from vehicles.draws.fitted_cars import draws
 
 INTEGERS = (
     *("tick_us", "law", "measurements", "phi", "phi_shift", "gamma", "gamma_steering"),
@@ -107,6 +111,7 @@ class Certificate:
             control, those of the roll model γ.
         note: reason why the family is the roll model alone, or empty.
         tick: s.
+        draws: cars drawn from the vehicle's fit that are certified with it.
     """
 
     content: dict[str, Any]
@@ -118,11 +123,22 @@ class Certificate:
     levels: Mapping[str, float]
     note: str
     tick: fmpq
+    draws: int
 
     @property
     def proved(self) -> bool:
         """Whether the loop is proved stable in every condition."""
         return not self.unproved
+
+    @property
+    def conditions(self) -> int:
+        """Number of the conditions of each car."""
+        return len(self.content["conditions"]) // (1 + self.draws)
+
+    @property
+    def ranges(self) -> tuple[str, ...]:
+        """Fields of the ECU in whose declared ranges all values of all claims stay."""
+        return within_ranges()
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -148,20 +164,29 @@ class Certificate:
         return math.degrees(roll), moment
 
 
-def certify(task: Task, calibration: LoadedCalibration) -> Certificate:
+def certify(
+    task: Task, calibration: LoadedCalibration, over: Callable[..., Iterable[Any]] = map
+) -> Certificate:
     """Return the certificate of a calibration on a task's vehicle and delay.
+
+    Args:
+        task: its vehicle and delay; of a fitted vehicle its draws are certified too.
+        calibration: with the integers.
+        over: works as ``map`` does, in parallel if it likes.
 
     Raises:
         CanrollError: the loop of this calibration is none that can be certified.
     """
     record = calibration.record
     refuse_other(record, calibration)
-    family = family_of(task)
+    family = with_draws(family_of(task), task)
     integers = {name: getattr(record, name) for name in INTEGERS}
     filtered = family.members[0].filtered
     delay = (max(task.delay.least - filtered, 0.0), max(task.delay.most - filtered, 0.0))
     conditions = [condition_of(member, record) for member in family.members]
-    resolution = resolutions(task.vehicle, record)
+    cars = [task.vehicle, *(draws(task.vehicle) if task.vehicle.fit else ())]
+    each = zip(*(resolutions(car, record) for car in cars), strict=True)
+    resolution = [str(max(map(int, halves))) for halves in each]
     tick = fmpq(record.tick_us, 1_000_000)
     exact = [Fraction(seconds) for seconds in (*delay, filtered)]
     content: dict[str, Any] = {
@@ -177,10 +202,15 @@ def certify(task: Task, calibration: LoadedCalibration) -> Certificate:
         name: str, *, lost: int = 0, trigger: bool = False, lateral: float = 0.0
     ) -> Iterator[bool]:
         most = exact[1] + lost * Fraction(record.tick_us, 1_000_000)
+        chosen, wishes = list[dict[str, Any]](), list[Wish]()
         for member, condition in zip(family.members, conditions, strict=True):
-            driven = disturbances(member, task.vehicle, lateral) if lateral else {}
-            wish = Wish(name, (exact[0], most), resolution, trigger, driven)
-            claim = prove(integers, condition, wish)
+            if name == EVERY_TICK or not member.condition.draw:
+                driven = disturbances(member, task.vehicle, lateral) if lateral else {}
+                chosen.append(condition)
+                wishes.append(Wish(name, (exact[0], most), resolution, trigger, driven))
+        bare = [{**condition, "claims": []} for condition in chosen]
+        proofs = over(prove, [integers] * len(bare), bare, wishes)
+        for condition, claim in zip(chosen, proofs, strict=True):
             if claim is not None:
                 condition["claims"].append(claim)
             yield claim is not None
@@ -211,7 +241,16 @@ def certify(task: Task, calibration: LoadedCalibration) -> Certificate:
         levels |= {OF_MODEL[claim["name"]]: gamma_of(claim) for claim in model["claims"]}
     state(content)
     return Certificate(
-        content, delay, tuple(unproved), triggered, lost, steered, levels, family.note, tick
+        content,
+        delay,
+        tuple(unproved),
+        triggered,
+        lost,
+        steered,
+        levels,
+        family.note,
+        tick,
+        max(member.condition.draw for member in family.members),
     )
 
 

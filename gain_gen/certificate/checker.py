@@ -140,16 +140,16 @@ def remainder(flow: Any, p: Any, channel: Any, tick: Any, ends: Any) -> Any:
     g, onto, centre = (balls(channel[name]) for name in ("generators", "onto", "centre"))
     step, full = (ends[1] - ends[0]) / cells, part((flow * tick).exp(), n, [n])
     onward, time = (flow * step).exp(), arb(step / 2, step / 2)
-    state, more = part((flow * (tick - ends[1])).exp(), flow.nrows(), [n]), (a * time).exp()
+    state, more = part((flow * (tick - ends[1])).exp(), flow.nrows(), [n]), a * a * (a * time).exp()
     one, complement = (onto * 0 * onto.transpose()).exp(), (a * 0).exp() - g * onto
     out, bow = [arb(0)] * 2, [arb(0)] * 2
     for _ in range(cells + 1):
-        at, bend = part(state, n, [0]), part(flow * flow * state, n, [0])  # second derivative
+        at, bend = part(state, n, [0]), part(flow * (flow * state), n, [0])  # second derivative
         state = onward * state
         for i, (by, to) in enumerate(((one, onto), (p, complement))):
             out[i] = out[i].max(norm(by, to * (full - at - centre)))
             # in the cell by its series
-            bent = to * bend + to * (a * bend) * time + to * (a * a * more * bend) * (time**2 / 2)
+            bent = to * bend + to * (a * bend) * time + to * (more * bend) * (time**2 / 2)
             bow[i] = bow[i].max(norm(by, bent))
     # between two points a curve is off its chord by an eighth of its second derivative
     within, off = (x + y * step * step / 8 for x, y in zip(out, bow))

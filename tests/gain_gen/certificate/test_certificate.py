@@ -18,7 +18,7 @@ from gain_gen.analysis.family import family_of
 from gain_gen.analysis.sampled_loop import spectral_radius
 from gain_gen.calibration.dequantise import dequantise
 from gain_gen.calibration.rounding_error import integer_loop
-from gain_gen.certificate import certificate, checker
+from gain_gen.certificate import certificate, checker, stored_ranges
 from gain_gen.certificate.certificate import (
     EVERY_TICK,
     INTEGERS,
@@ -340,6 +340,32 @@ def test_the_level_of_a_state_feedback_holds_behind_a_gateway(calibrated, trigge
         )
         gains.append(np.linalg.norm(angles) / np.linalg.norm(moments))
     assert 0.5 * level < max(gains) <= level
+
+
+def test_what_claims_let_be_stored_is_within_the_ranges_of_the_proof_of_the_code(monkeypatch):
+    assert {"x", "ahead", "compensator_x", "moment"} <= set(stored_ranges.within_ranges())
+    monkeypatch.setattr(checker, "LIMIT", 1 << 31)
+    with pytest.raises(ValueError, match="leave the range of"):
+        stored_ranges.within_ranges()
+
+
+def test_of_a_drawn_car_stability_is_certified(calibrated, monkeypatch):
+    calibration = calibrated("hinf_delay")
+    task = task_of(calibration)
+
+    def drawn(family, _):
+        member = family.members[0]
+        other = replace(family.members[1], condition=replace(member.condition, draw=1))
+        return replace(family, members=(member, other))
+
+    monkeypatch.setattr(certificate, "with_draws", drawn)
+    found = certify(task, calibration)
+    assert found.proved
+    assert (found.draws, found.conditions) == (1, 1)
+    own, other = found.content["conditions"]
+    assert [claim["name"] for claim in other["claims"]] == [EVERY_TICK]
+    assert other["name"].startswith("draw 1 of the fit")
+    assert {EVERY_TICK, TRIGGER, STEERED} <= {claim["name"] for claim in own["claims"]}
 
 
 def test_steering_drives_no_stored_value_beyond_its_limit(certified, calibrated):
