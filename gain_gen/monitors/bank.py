@@ -19,6 +19,8 @@ moments (N·m), lateral acceleration as measured, as yaw rate × speed and as st
 it (m/s²), roll rate, yaw rate (rad/s)."""
 LOW_PASS = 0.05
 """Time constant of the low-pass, s."""
+FADING = 8.0 * LOW_PASS
+"""Time in which a threshold fades, s, but where a residual says otherwise."""
 MEAN = 10.0
 """Time over which the mean magnitude of steps is taken, s."""
 
@@ -65,6 +67,8 @@ class Residual:
         floor: of the threshold, N·m.
         time: without a break beyond the threshold before it is raised, s.
         limit: largest lateral acceleration by yaw rate or steering at which it holds, m/s².
+        fading: time constant with which the terms' share of the threshold fades, s.
+        noisy: what noise alone adds to the threshold by its terms, N·m.
     """
 
     name: str
@@ -72,6 +76,8 @@ class Residual:
     floor: float
     time: float
     limit: float = inf
+    fading: float = FADING
+    noisy: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

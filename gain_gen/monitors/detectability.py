@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import inf, isfinite, pi
+from itertools import accumulate
+from math import exp, inf, isfinite, pi
 from typing import Any
 
 import numpy as np
@@ -157,7 +158,8 @@ def _limits(bank: Bank, fault: ConstantFault, largest: Mapping[str, float]) -> t
     for residual in bank.residuals:
         side, net = effect(bank, residual, fault)
         if side:
-            sizes = residual.floor / net, (residual.floor + largest[residual.name]) / net
+            least = residual.floor + residual.noisy
+            sizes = least / net, (least + largest[residual.name]) / net
             limits.append(Limit(residual.name, side, *sizes))
     return tuple(limits)
 
@@ -219,6 +221,7 @@ def effect(bank: Bank, residual: Residual, fault: ConstantFault) -> tuple[int, f
             total += term.sign * of_part
             size += term.weight * np.abs(of_part)
     # one that takes longer than that is still there then
+    size = held(size, residual, bank.tick)
     first = ticks - 1 if counted == ticks else 0
     window = 1 if counted == ticks else counted
     side, beyond = 0, LEAST_SHARE * float(np.abs(total).max())
@@ -241,7 +244,13 @@ def largest_threshold(
         if part.kind != STEP:
             of_part = np.abs(response(part, signal, bank.tick))
         size += term.weight * of_part
-    return float(size[len(size) // 2 :].max())
+    return float(held(size, residual, bank.tick)[len(size) // 2 :].max())
+
+
+def held(size: NDArray[np.float64], residual: Residual, tick: float) -> NDArray[np.float64]:
+    """Return what a threshold holds of the terms' ``size``: it rises at once and fades."""
+    kept = exp(-tick / residual.fading)
+    return np.array(list(accumulate(size, lambda room, now: max(now, kept * room))))
 
 
 def slalom(vehicle: Vehicle, tick: float) -> dict[str, NDArray[np.float64]]:

@@ -8,13 +8,23 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 import dbc
-from gain_gen.monitors.bank import DERIVATIVE, DIRECT, INTEGRAL, ResidualPart, Term, ticks_of
+from gain_gen.monitors.bank import (
+    DERIVATIVE,
+    DIRECT,
+    INTEGRAL,
+    STEP,
+    ResidualPart,
+    Term,
+    ticks_of,
+)
 from gain_gen.monitors.uncertainty import Uncertainty
 from vehicles import Vehicle
 from vehicles.equipment import SensorChannel
 
 OF_STEPS = sqrt(pi / 2.0)
 """Standard deviation of steps by their mean magnitude: a lost sample is wrong by a step."""
+MEAN_STEP = 2.0 / sqrt(pi)
+"""Mean magnitude of the steps of white noise by its standard deviation."""
 FASTEST = 30.0
 """Speed at which yaw rate becomes lateral acceleration, m/s: the largest of the fault-free runs."""
 
@@ -115,6 +125,34 @@ def floor(
             largest += offset.get(signal, 0.0) * abs(float(of_signal.sum()))
     passes = max(part.low_pass for part in summed)
     return level(box.alarms_per_hour, memory, passes) * sqrt(variance) + largest
+
+
+def raised(
+    parts: Mapping[str, ResidualPart],
+    terms: Sequence[Term],
+    *,
+    vehicle: Vehicle,
+    box: Uncertainty,
+    tick: float,
+    fading: float,
+) -> float:
+    """Return what noise alone adds to a threshold by its terms, N·m.
+
+    A threshold that fades in ``fading`` s holds what noise exceeds once in that time.
+    """
+    sigma, total = deviations(vehicle, box), 0.0
+    for term in terms:
+        part = parts[term.part]
+        size = sqrt(sum((gain * sigma.get(name, 0.0)) ** 2 for name, gain in part.gains.items()))
+        if part.kind == STEP:
+            total += term.weight * MEAN_STEP * size
+            continue
+        memory = part.memory(tick) * tick if part.washout else 1.0
+        impulse = np.zeros(max(200, min(20_000, round(5.0 * memory / tick))))
+        impulse[0] = size
+        passed = float(np.linalg.norm(response(part, impulse, tick)))
+        total += term.weight * passed * level(3600.0 / fading, memory, part.low_pass)
+    return total
 
 
 def late(box: Uncertainty, tick: float, washout: float) -> float:

@@ -5,13 +5,14 @@ m h, a roll rate by the roll damping.
 """
 
 from functools import partial
-from math import inf, sin
+from math import inf, pi, sin
 
 from gain_gen.models.task import Task
 from gain_gen.monitors.axle_shares import of_axles
 from gain_gen.monitors.bank import (
     DERIVATIVE,
     DIRECT,
+    FADING,
     INTEGRAL,
     LOW_PASS,
     MEAN,
@@ -34,7 +35,7 @@ from gain_gen.monitors.linear_car import (
     steering_deviation,
     tilted,
 )
-from gain_gen.monitors.noise import FASTEST, floor, late
+from gain_gen.monitors.noise import FASTEST, floor, late, raised
 from gain_gen.monitors.uncertainty import NOMINAL, Uncertainty, vertices
 from vehicles import GRAVITY, Vehicle
 
@@ -112,17 +113,15 @@ class Builder:
         time: float,
         besides: float = 0.0,
         limit: float = inf,
+        fading: float = FADING,
     ) -> None:
         """Add a residual, its floor that of the noise and a constant ``besides``."""
-        noise = floor(
-            self.parts,
-            terms,
-            vehicle=self.car.vehicle,
-            box=self.box,
-            tick=self.tick,
-            time=time,
+        vehicle, box, tick = self.car.vehicle, self.box, self.tick
+        noise = floor(self.parts, terms, vehicle=vehicle, box=box, tick=tick, time=time)
+        noisy = raised(self.parts, terms, vehicle=vehicle, box=box, tick=tick, fading=fading)
+        self.residuals.append(
+            Residual(name, tuple(terms), noise + besides, time, limit, fading, noisy)
         )
-        self.residuals.append(Residual(name, tuple(terms), noise + besides, time, limit))
 
     def strokes(self, gains: tuple[float, float], factor: float = 1.0) -> dict[str, float]:
         """Return gains of both axles' stroke rates from those of their roll rates."""
@@ -365,7 +364,9 @@ class Builder:
             Term(by_side, 0, 1.0),
             Term(bump, 0, 1.0),
         ]
-        self.residual("axles", terms, time=self.axle_time, limit=self.on_road)
+        self.residual(
+            "axles", terms, time=self.axle_time, limit=self.on_road, fading=1.0 / (pi * AXLES)
+        )
 
     def heave(self) -> None:
         """Add what the springs carry: the body's weight, however it moves, and hills (N)."""

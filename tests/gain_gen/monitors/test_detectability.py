@@ -54,12 +54,14 @@ def raised(bank, residual, runs):
     """To which side a residual is beyond its threshold for its time in a run of signals, or 0."""
     parts = {term.part: Part(bank.parts[term.part]) for term in residual.terms}
     count = side = 0
+    room = 0.0
     for signals in runs:
         for part in parts.values():
             part.tick(signals)
         left = sum(term.sign * parts[term.part].value for term in residual.terms)
         size = sum(term.weight * abs(parts[term.part].value) for term in residual.terms)
-        now = int(np.sign(left)) if abs(left) > residual.floor + size else 0
+        room = max(size, room * np.exp(-TICK / residual.fading))
+        now = int(np.sign(left)) if abs(left) > residual.floor + residual.noisy + room else 0
         count = count + 1 if now and now == side else abs(now)
         side = now
         if count * TICK >= residual.time - 1e-9:
