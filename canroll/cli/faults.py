@@ -16,7 +16,7 @@ from canroll.studies.fault_study import Coverage, JudgedFault
 
 
 def run(args: argparse.Namespace) -> int:
-    """Drive the catalogue and print its table; 1 if harm that could be found goes undetected."""
+    """Drive the catalogue and print its table; 1 if harm goes undetected that nothing excuses."""
     out = page_folder(args.out)
     with driven(args, out) as cases:
         answer = fault_study.study(

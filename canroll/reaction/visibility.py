@@ -5,24 +5,23 @@ than 2 b for the residual's time raises it for certain, whatever car of the box 
 may be found or not. The errors are those of what was received in a run; no monitor has a part.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
-import dbc
 from canroll.reaction.reaction import ObservedTrace
 from canroll.typing import Vector
-from gain_gen.monitors.bank import MEAN, STEP, Bank, Residual, ticks_of
-from gain_gen.monitors.noise import response
+from gain_gen.monitors.bank import Bank, Residual, ticks_of
+from gain_gen.monitors.evaluation import Signals, moved, room
+from plant_sim.nodes import codec, codec_tables, e2e
 from plant_sim.nodes.sensors import PER_UNIT
 from plant_sim.world.received import received_by_ecu
 from plant_sim.world.spool import Table
 from vehicles import GRAVITY, Vehicle
-
-Signals = Mapping[str, Vector]
 
 FORGOTTEN = 5.0
 """Time constants of a residual after which it holds again: less than a hundredth is left."""
@@ -56,7 +55,7 @@ class LoggedTrace(ObservedTrace, Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Visibility:
-    """How visible the faults of a run are.
+    """How visible the errors of what a run received are.
 
     Attributes:
         share: of what is sure to be found; 1 and more: it is.
@@ -70,8 +69,13 @@ class Visibility:
 
     @property
     def sure(self) -> bool:
-        """Whether the monitors must find it."""
+        """Whether the residuals must show it."""
         return self.share >= 1.0
+
+    @property
+    def excused(self) -> bool:
+        """Whether what was received is wrong, but by less than is sure to be found."""
+        return bool(self.signal) and not self.sure
 
     @property
     def text(self) -> str:
@@ -80,7 +84,8 @@ class Visibility:
             return "all that is received is right"
         text = "no residual holds while it lasts"
         if self.residual:
-            text = f"{100 * self.share:.0f} % of what is sure to be found ({self.residual})"
+            percent = math.floor(100.0 * self.share)
+            text = f"{percent} % of what is sure to be found ({self.residual})"
         return text if self.sure else f"{text}: {WOULD_FIND[self.signal]} would find it"
 
 
@@ -93,7 +98,7 @@ def visibility(
         trace: of a run on the product's own frames; it counts until the vehicle rolls over.
         healthy: of it without faults: what its sensors are wrong by is no fault.
         bank: of the controller, of the tick that the run had.
-        vehicle: that the residuals were designed for.
+        vehicle: that was driven.
         start: when the first fault begins.
     """
     measured, errors = measured_and_errors(trace, vehicle, start)
@@ -123,39 +128,12 @@ def _share(bank: Bank, residual: Residual, measured: Signals, wrong: Signals) ->
     )
     since = min(len(held), 1 + round(FORGOTTEN * memory / bank.tick))
     held = np.max(sliding_window_view(np.pad(held, (since - 1, 0)), since), axis=1)
-    share = effect(bank, residual, wrong) / (2.0 * threshold(bank, residual, measured))
+    most = 2.0 * (residual.floor + room(bank, residual, measured))
+    share = moved(bank, residual, wrong) / most
     within = np.where(held <= residual.limit, share, 0.0)
     window = min(ticks_of(residual.time, bank.tick), len(share))
     lasting = (sliding_window_view(side * within, window).min(axis=1).max() for side in (1, -1))
     return max(0.0, *map(float, lasting))
-
-
-def effect(bank: Bank, residual: Residual, errors: Signals) -> Vector:
-    """Return what errors of signals make of a residual, N·m per tick."""
-    total = np.zeros(len(next(iter(errors.values()))))
-    for term in residual.terms:
-        part = bank.parts[term.part]
-        signal = sum((gain * errors[name] for name, gain in part.gains.items() if name in errors))
-        if term.sign and part.kind != STEP and np.any(signal):
-            total += term.sign * response(part, np.asarray(signal), bank.tick)
-    return total
-
-
-def threshold(bank: Bank, residual: Residual, measured: Signals) -> Vector:
-    """Return the threshold of a residual for measured signals, N·m per tick."""
-    total = np.full(len(measured["lateral"]), residual.floor)
-    for term in residual.terms:
-        part = bank.parts[term.part]
-        signal = sum(
-            (gain * measured[name] for name, gain in part.gains.items()), np.zeros(len(total))
-        )
-        if part.kind == STEP:
-            steps = np.abs(np.diff(signal, prepend=signal[0]))
-            size = response(replace(part, low_pass=MEAN), steps, bank.tick)
-        else:
-            size = np.abs(response(part, signal, bank.tick))
-        total += term.weight * size
-    return total
 
 
 def signals_of(values: Signals, vehicle: Vehicle) -> dict[str, Vector]:
@@ -212,21 +190,40 @@ def measured_and_errors(
     received, right = {}, {}
     motion = truth(trace.signals, vehicle)
     for name, names in MESSAGES.items():
-        message = dbc.message(name)
-        frames = received_by_ecu(trace.frames, message.frame_id)
-        newest = np.searchsorted(frames["t_received"] * 1e-9, ticks + 1e-12, side="right") - 1
-        before = (newest >= 0) & (ticks < start)
+        frames, values = accepted(trace.frames, name)
+        newest = np.searchsorted(frames["t_received"] * 1e-9, ticks + 1e-12, side="right")
+        before = (newest > 0) & (ticks < start)
         age = 0.0
         if np.any(before):
-            age = float(np.median(ticks[before] - frames["t_origin"][newest[before]] * 1e-9))
-        rows = [
-            message.decode(bytes(frame["payload"][: frame["length"]]), decode_choices=False)
-            for frame in frames
-        ]
+            age = float(np.median(ticks[before] - frames["t_origin"][newest[before] - 1] * 1e-9))
         for signal in names:
-            scale = PER_UNIT[str(message.get_signal_by_name(signal).unit)]
-            values = np.array([0.0, *(float(row[signal]) / scale for row in rows)])
-            received[signal] = values[newest + 1]
+            known = np.concatenate([[0.0], values[signal]])
+            received[signal] = known[newest]
             right[signal] = np.interp(ticks - age, trace.signals["time"], motion[signal])
     measured, true = signals_of(received, vehicle), signals_of(right, vehicle)
     return measured, {name: values - true[name] for name, values in measured.items()}
+
+
+def accepted(frames: Table, name: str) -> tuple[NDArray[np.void], dict[str, Vector]]:
+    """Return the frames of a message that the ECU takes, and their signals in SI units.
+
+    One of another length or with a wrong checksum is refused; an invalid value is the last one.
+    """
+    tables, row = codec_tables.load(), codec_tables.message_index(name)
+    length = tables.message[row, codec.LENGTH]
+    protection = tables.protection[row], tables.terms[row], tables.crc[row]
+    heard = received_by_ecu(frames, int(tables.message[row, codec.IDENT]))
+    taken = [
+        frame["length"] == length and e2e.intact(*protection, frame["payload"]) for frame in heard
+    ]
+    heard = heard[np.array(taken, bool)]
+    values = {}
+    for signal in MESSAGES[name]:
+        of = codec_tables.signal_index(name, signal)
+        scale, last, known = PER_UNIT[codec_tables.unit(name, signal)], 0.0, []
+        for frame in heard:
+            raw = codec.extract(tables, of, frame["payload"])
+            last = codec.physical(tables, of, raw) / scale if codec.valid(tables, of, raw) else last
+            known.append(last)
+        values[signal] = np.array(known)
+    return heard, values

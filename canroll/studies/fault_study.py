@@ -87,9 +87,9 @@ class JudgedFault:
         return self.harmful and not self.detected
 
     @property
-    def missed(self) -> bool:
-        """Whether harm was done undetected that could have been found, or may have been."""
-        return self.undetected_harm and (self.visibility is None or self.visibility.sure)
+    def failed(self) -> bool:
+        """Whether harm was done undetected that nothing excuses."""
+        return self.undetected_harm and (self.visibility is None or not self.visibility.excused)
 
     @property
     def as_expected(self) -> bool | None:
@@ -185,8 +185,8 @@ class FaultStudy:
             f"{every.undetected_harm} harmful and undetected"
         )
         if self.undetected:
-            sure = sum(fault.missed for fault in self.undetected)
-            text += f", {sure or 'none'} of them large enough to be found for certain"
+            excused = sum(not fault.failed for fault in self.undetected)
+            text += f" ({excused} of them too small to be found for certain)"
         rest = every.faults - every.judged
         text += f"; {rest} without verdict" if rest else ""
         if self.reference.harm:
@@ -198,8 +198,8 @@ class FaultStudy:
 
     @property
     def exit_code(self) -> int:
-        """1 where harm that could be found goes undetected, or there is a false alarm."""
-        return int(any(fault.missed for fault in self.undetected) or self.false_alarm)
+        """1 where harm goes undetected that nothing excuses, or there is a false alarm."""
+        return int(any(fault.failed for fault in self.undetected) or self.false_alarm)
 
     def to_json(self) -> dict[str, Any]:
         """Return the object printed by ``canroll faults --json``."""
@@ -264,7 +264,8 @@ def residuals_of(settings: Settings, controller: PreparedController) -> Bank | N
         observer=controller.observer,
     )
     box = stated(controller.tables.get("uncertainty", {}))
-    return bank_of_calibration(controller.record, task, box)
+    bank = bank_of_calibration(controller.record, task, box)
+    return bank if bank.residuals else None
 
 
 def judge(loop: StudiedLoop, entry: CatalogueEntry) -> JudgedFault:
@@ -277,8 +278,7 @@ def judge(loop: StudiedLoop, entry: CatalogueEntry) -> JudgedFault:
     observed = reaction.observe(trace, loop.passive, parse(entry.faults), loop.healthy)
     visible = None
     if observed.undetected_harm and observed.start is not None and loop.bank is not None:
-        vehicle = loop.controller.vehicle
-        visible = visibility(trace, loop.healthy, loop.bank, vehicle, observed.start)
+        visible = visibility(trace, loop.healthy, loop.bank, settings.vehicle, observed.start)
     return JudgedFault(
         entry,
         observed,

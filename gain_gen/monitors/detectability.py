@@ -2,8 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
-from math import exp, inf, isfinite, pi
+from math import inf, isfinite, pi
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,9 @@ from scipy.signal import lsim
 from firmware.calibration import Calibration
 from firmware.state import RX_ACTUATOR_STATE, RX_SUSPENSION_RATE
 from gain_gen.models.task import Task
-from gain_gen.monitors.bank import STEP, Bank, Residual, ticks_of
+from gain_gen.monitors.bank import Bank, Residual, ticks_of
+from gain_gen.monitors.evaluation import moved, room
 from gain_gen.monitors.linear_car import car_of, effective_inertia
-from gain_gen.monitors.noise import response
 from gain_gen.monitors.residuals import bank_of
 from gain_gen.monitors.uncertainty import DEFAULT, NOMINAL, Uncertainty
 from vehicles import GRAVITY, Vehicle
@@ -130,8 +129,9 @@ def of_calibration(
 def detectable(bank: Bank, vehicle: Vehicle) -> tuple[Detectable, ...]:
     """Return what can be found of each fault of a signal that is in a residual."""
     driven = slalom(vehicle, bank.tick)
+    settled = round(0.5 * SECONDS / bank.tick)
     largest = {
-        r.name: largest_threshold(bank, r, driven) if SLALOM[0] <= r.limit else inf
+        r.name: float(room(bank, r, driven)[settled:].max()) if SLALOM[0] <= r.limit else inf
         for r in bank.residuals
     }
     measured = {name for part in bank.parts.values() for name in part.gains}
@@ -212,16 +212,9 @@ def effect(bank: Bank, residual: Residual, fault: ConstantFault) -> tuple[int, f
     """
     ticks = max(2, round(TOLERATED / bank.tick))
     counted = min(ticks, ticks_of(residual.time, bank.tick))
-    total, size = np.zeros(ticks), np.zeros(ticks)
-    for term in residual.terms:
-        part = bank.parts[term.part]
-        gain = sum(part.gains.get(name, 0.0) * value for name, value in fault.signals.items())
-        if gain and part.kind != STEP:
-            of_part = response(part, np.full(ticks, gain), bank.tick)
-            total += term.sign * of_part
-            size += term.weight * np.abs(of_part)
+    signals = {name: np.full(ticks, value) for name, value in fault.signals.items()}
+    total, size = moved(bank, residual, signals), room(bank, residual, signals)
     # one that takes longer than that is still there then
-    size = held(size, residual, bank.tick)
     first = ticks - 1 if counted == ticks else 0
     window = 1 if counted == ticks else counted
     side, beyond = 0, LEAST_SHARE * float(np.abs(total).max())
@@ -230,27 +223,6 @@ def effect(bank: Bank, residual: Residual, fault: ConstantFault) -> tuple[int, f
         if net > beyond:
             side, beyond = sign, float(net)
     return side, beyond if side else 0.0
-
-
-def largest_threshold(
-    bank: Bank, residual: Residual, driven: Mapping[str, NDArray[np.float64]]
-) -> float:
-    """Return the largest threshold above the floor in a run with these signals, N·m."""
-    size = np.zeros(len(driven["lateral"]))
-    for term in residual.terms:
-        part = bank.parts[term.part]
-        signal = sum((gain * driven[name] for name, gain in part.gains.items()), 0.0 * size)
-        of_part = np.abs(np.diff(signal, prepend=0.0)).mean() + 0.0 * size
-        if part.kind != STEP:
-            of_part = np.abs(response(part, signal, bank.tick))
-        size += term.weight * of_part
-    return float(held(size, residual, bank.tick)[len(size) // 2 :].max())
-
-
-def held(size: NDArray[np.float64], residual: Residual, tick: float) -> NDArray[np.float64]:
-    """Return what a threshold holds of the terms' ``size``: it rises at once and fades."""
-    kept = exp(-tick / residual.fading)
-    return np.array(list(accumulate(size, lambda room, now: max(now, kept * room))))
 
 
 def slalom(vehicle: Vehicle, tick: float) -> dict[str, NDArray[np.float64]]:

@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from canroll.reaction.reaction import observe
-from canroll.reaction.visibility import Visibility, visibility
+from canroll.reaction.visibility import Visibility, accepted, visibility
 from canroll.runs.experiment import drive, plan
 from canroll.studies.fault_study import residuals_of
 from plant_sim.faults import parse
@@ -32,7 +33,7 @@ class Loop:
         return self.visible(trace), found
 
     def visible(self, trace):
-        return visibility(trace, self.healthy, self.bank, self.controller.vehicle, 1.0)
+        return visibility(trace, self.healthy, self.bank, self.settings.vehicle, 1.0)
 
 
 @pytest.fixture(scope="module")
@@ -62,3 +63,20 @@ def test_an_axle_that_reports_what_it_does_not_do_is_wrong_by_that(loop):
     assert visible.signal == "moment_front" and visible.residual
     honest, _ = loop.with_fault("front=derating:0.5@1.6")
     assert honest.share < 0.05 < visible.share
+
+
+def test_frames_that_the_ecu_refuses_are_not_received(loop):
+    frames, values = accepted(loop.healthy.frames, "Imu")
+    other = np.array(loop.healthy.frames)
+    imu = np.flatnonzero(other["ident"] == frames["ident"][0])
+    other["payload"][imu[100], 3] ^= 1
+    other["length"][imu[200]] = 4
+    fewer, rest = accepted(other, "Imu")
+    assert len(frames) - len(fewer) == 2
+    assert set(fewer["t_origin"]) < set(frames["t_origin"])
+    assert set(rest["RollRate"]) <= set(values["RollRate"])
+
+
+def test_a_loop_without_residuals_has_no_visibility():
+    settings, controller = plan("double_lane_change", law="lqr", observer="reference")
+    assert residuals_of(settings, controller) is None

@@ -9,6 +9,7 @@ import pytest
 from canroll.cases.execution import Execution
 from canroll.cli.main import main
 from canroll.errors import CanrollError
+from canroll.reaction.visibility import Visibility
 from canroll.runs import experiment
 from canroll.studies import fault_catalogue, fault_study
 from canroll.studies.fault_catalogue import DOUBLE
@@ -114,7 +115,26 @@ def test_coverage_counts_what_was_judged(study):
     assert (every.faults, every.judged) == (6, 4)
     assert every.detected == sum(fault.detected for fault in study.faults)
     assert every.undetected_harm == len(study.undetected)
-    assert study.exit_code == (1 if study.undetected else 0)
+    assert study.exit_code == any(fault.failed for fault in study.undetected)
+
+
+@pytest.mark.parametrize(
+    ("visible", "code"),
+    [
+        (None, 1),
+        (Visibility(), 1),
+        (Visibility(1.5, "turn", "lateral"), 1),
+        (Visibility(0.9, "turn", "lateral"), 0),
+        (Visibility(0.0, "", "lateral"), 0),
+    ],
+    ids=["not computed", "all right", "sure", "too small", "none holds"],
+)
+def test_only_an_error_too_small_to_be_found_excuses_a_miss(study, visible, code):
+    harm = replace(by_name(study, "front axle runs away").reaction, detected_after=None)
+    fault = replace(by_name(study, "front axle runs away"), reaction=harm, visibility=visible)
+    alone = replace(study, faults=(fault,))
+    assert alone.exit_code == code
+    assert f"({1 - code} of them too small" in alone.verdict
 
 
 def test_the_run_without_faults_finds_none(study):
