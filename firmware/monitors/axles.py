@@ -9,7 +9,7 @@ difference between true and reported moments of one axle less that of the other,
 front axle. It is washed out and low-passed as there, and rests with it, and once the tyres have
 left their linear range: a wheel off the road bears no more load. Springs, dampers and tyres bear no
 more than what acts, so that what the model may be wrong by is a share of the lateral force and of
-the moments, which sound axles turn to one side, washed out alike; and what a rough road makes,
+the moments, washed out alike; and what a rough road makes,
 which tilts one axle after the other: by as much as the suspensions have lately moved apart in a
 short time. Where that is much nothing is judged, for wheels leave the ground. Which axle lies it
 does not tell. A finding lasts until the next ``init``.
@@ -20,6 +20,7 @@ from firmware.fixed_point import product, shifted
 from firmware.monitors.balance import (
     ACTUATORS,
     AXLES,
+    SIDE_FORCE,
     accuse_axles,
     at_once,
     leave_room,
@@ -55,18 +56,20 @@ def watch_axles(ecu: Ecu, cal: Calibration) -> None:
     lateral: i32 = product(ecu.lateral_acceleration, cal.axles_lateral, 20)
     momentum: i32 = product(ecu.yaw_rate, cal.axles_yaw, 23)
     acting: i32 = sat31(damping + lateral + of_rear - ecu.delivered[0])
-    both: i32 = sat31(ecu.delivered[0] + of_rear)
     by_lateral: i32 = product(ecu.lateral_acceleration, cal.axles_side, 20)
     if ecu.axles_known == 0:
         ecu.axles_known = 1
         start_balance(ecu, AXLES, acting, momentum)
         ecu.balance_past[AXLES] = by_lateral
-        ecu.balance_past[ACTUATORS] = both
+        ecu.balance_past[ACTUATORS] = ecu.delivered[0]
+        ecu.balance_past[SIDE_FORCE] = of_rear
     left: i32 = left_over(ecu, cal, AXLES, acting, momentum)
     stretch(ecu, AXLES, stretched)
     wash: i32 = cal.response_wash[2]
     by_side: i32 = magnitude(at_once(ecu, AXLES, by_lateral, wash))
-    moments: i32 = magnitude(at_once(ecu, ACTUATORS, both, wash))
+    # what axles do to opposite sides may be wrong to one
+    moments: i32 = magnitude(at_once(ecu, ACTUATORS, ecu.delivered[0], wash))
+    moments = sat31(moments + magnitude(at_once(ecu, SIDE_FORCE, of_rear, wash)))
     shares: i64 = cal.response_share[5] * moments + cal.axles_rough * magnitude(stretched)
     wrong: i32 = sat31(shifted(shares, Q_SHARE) + by_side)
     leave_room(ecu, AXLES, wrong, rsh(wash, 1))

@@ -211,7 +211,8 @@ class Floats:
         momentum = YAW * it.yaw_rate
         judged = {
             balance.AXLES: (AXLES_SIDE * it.lateral, 1.0),
-            balance.ACTUATORS: (it.delivered[0] + rear, OF_AXLE),
+            balance.ACTUATORS: (it.delivered[0], OF_AXLE),
+            balance.SIDE_FORCE: (rear, OF_AXLE),
         }
         if not self.known:
             of_axles.start(acting, momentum)
