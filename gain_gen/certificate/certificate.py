@@ -255,7 +255,7 @@ def certify(
 
 
 def state(content: dict[str, Any]) -> None:
-    """Move what a claim is about from it to the certificate, which states all claims and is signed.
+    """Move what a claim is about from it to the certificate, and state all claims and the digest.
 
     What a claim is about follows from its name (:func:`gain_gen.certificate.checker.meant`).
     """

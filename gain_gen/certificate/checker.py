@@ -195,7 +195,7 @@ def proved(c: Any, condition: Any, claim: Any, tick: Any) -> dict[str, Any]:
     loop, n, p = Sampled(c, condition, claim, tick), len(condition["flow"]), balls(claim["p"])
     decay, slack, switching = numbers([claim[k] for k in ("decay", "slack", "switching")])
     weights, share = numbers(claim["weights"]), fmpq(c["trigger_epsilon_squared"], 1 << 20) * MORE
-    limits = {("d", each["input"]): fmpq(each["most"]) for each in claim["disturbances"]}
+    limits = {("d", range(3).index(e["input"])): fmpq(e["most"]) for e in claim["disturbances"]}
     bounds = [*loop.squares, *(most**2 for most in limits.values())]
     spent = sum((w * square for w, square in zip(weights, bounds, strict=True)), fmpq(0))
     fine = 0 <= loop.delay[0] <= loop.delay[1] and min(*loop.off, *weights, *limits.values()) >= 0

@@ -3,6 +3,8 @@
 Of a car at a corner of the box springs, dampers and tyres are other than designed for, but they
 bear only what acts: lateral forces at the roll centres and the actuators' moments. So what the
 balance has left over is a share of these, the largest over corners and frequencies of steering.
+Brisker steering or a slower car leaves over more, and moves the suspensions apart by more: what is
+allowed for a bump holds that.
 """
 
 from itertools import product

@@ -300,6 +300,13 @@ def test_nothing_may_be_missing(several, integers):
     assert tried > 60
 
 
+def test_a_disturbance_is_one_of_the_three_inputs(several, integers):
+    for wrong in (-1, 3):
+        mutated = copy.deepcopy(several)
+        mutated["conditions"][0]["driven"][0]["input"] = wrong
+        assert refusal(signed(mutated), integers)
+
+
 @pytest.mark.parametrize("wrong", [None, 1.5, "12", {}, [[]]])
 def test_an_entry_of_another_type_is_refused(several, integers, wrong):
     for path, node in kinds(several):
