@@ -68,9 +68,10 @@ def watch_axles(ecu: Ecu, cal: Calibration) -> None:
     wash: i32 = cal.response_wash[2]
     by_side: i32 = magnitude(at_once(ecu, AXLES, by_lateral, wash))
     # what axles do to opposite sides may be wrong to one
-    moments: i32 = magnitude(at_once(ecu, ACTUATORS, ecu.delivered[0], wash))
-    moments = sat31(moments + magnitude(at_once(ecu, SIDE_FORCE, of_rear, wash)))
-    shares: i64 = cal.response_share[5] * moments + cal.axles_rough * magnitude(stretched)
+    own: i32 = magnitude(at_once(ecu, ACTUATORS, ecu.delivered[0], wash))
+    other: i32 = magnitude(at_once(ecu, SIDE_FORCE, of_rear, wash))
+    shares: i64 = cal.response_share[5] * own + cal.response_share[5] * other
+    shares += cal.axles_rough * magnitude(stretched)
     wrong: i32 = sat31(shifted(shares, Q_SHARE) + by_side)
     leave_room(ecu, AXLES, wrong, rsh(wash, 1))
     limit: i32 = ecu.balance_room[AXLES] + cal.axles_min

@@ -114,7 +114,7 @@ TICKS = {
         12_500,
     ),
 }
-CODE, TABLES, STATE, STACK = 19_180, 1150, 1490, 256
+CODE, TABLES, STATE, STACK = 19_200, 1150, 1490, 256
 
 
 @needs_qemu
