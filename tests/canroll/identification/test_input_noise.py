@@ -48,7 +48,7 @@ def scores_of(model):
 
 
 def test_white_noise_of_the_steering_comes_through_the_gain():
-    model = car(steering=Noise(0.01))
+    model = car(steering=Noise(0.01, 0.0, TIME))
     covariance, variances = scores_of(model)
     expected = (0.3 * 0.01) ** 2 * np.sum(weighted(model)[:, 0] ** 2)
     # three standard deviations of a variance from so many draws
@@ -57,7 +57,7 @@ def test_white_noise_of_the_steering_comes_through_the_gain():
 
 
 def test_a_smoothed_speed_is_wrong_for_longer_but_by_less():
-    rough, smooth = (car(speed=Noise(0.01, weight)) for weight in (0.0, 1e4))
+    rough, smooth = (car(speed=Noise(0.01, weight, TIME)) for weight in (0.0, 1e4))
     assert scores_of(smooth)[1][1] < 0.1 * scores_of(rough)[1][1]
     # slow errors do not average out over slopes that are slow too
     drift = np.where(rough.compared[:, :, None], 1.0, 0.0)
