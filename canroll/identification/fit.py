@@ -305,8 +305,8 @@ def _searched(minima: tuple[float, ...], agreements: tuple[Agreement, ...]) -> I
     other = _worse(minima)
     if _doubtful(minima, white=all(one.white for one in agreements)):
         yield (
-            "the fit did not converge to the noise: what is left over is correlated, and no two "
-            f"of {len(minima)} searches ended in the same minimum: give --starts {4 * len(minima)}"
+            "the fit did not converge to the noise: what is left over is correlated, and only one "
+            f"of {len(minima)} searches ended in the best minimum: give --starts {len(minima)}"
         )
     elif other:
         yield f"{other} of {len(minima)} searches ended in a worse minimum: the best is taken"
@@ -319,7 +319,7 @@ def _worse(minima: tuple[float, ...]) -> int:
 
 def _doubtful(minima: tuple[float, ...], *, white: bool) -> bool:
     """Whether neither noise that is left over nor another search confirms the best minimum."""
-    return 0 < _worse(minima) == len(minima) - 1 and not white
+    return _worse(minima) == len(minima) - 1 and not white
 
 
 def _compared(
