@@ -101,13 +101,13 @@ def pieces(log: Log, window: Window) -> tuple[tuple[Piece, ...], tuple[str, ...]
     remarks = [*log.remarks]
     for channel in clean.values():
         remarks += channel.remarks
-    begin = max(channel.times[0] for channel in clean.values())
-    end = min(channel.times[-1] for channel in clean.values())
-    begin, end = max(begin, window.begin - RUN_IN), min(end, window.end)
+    first = max(channel.times[0] for channel in clean.values())
+    last = min(channel.times[-1] for channel in clean.values())
+    begin, end = max(first, window.begin - RUN_IN), min(last, window.end)
     if not end - begin >= SHORTEST:
         raise CanrollError(
-            f"{log.name}: {max(end - begin, 0.0):.2g} s that all signals have in common: at least "
-            f"{SHORTEST:g} s are needed"
+            f"{log.name}: the last signal begins at {first:.6g} s, the first ends at {last:.6g} s: "
+            f"{max(end - begin, 0.0):.2g} s of it are chosen, at least {SHORTEST:g} s are needed"
         )
     parts = list(_stretches(clean, begin, end))
     left = sum(b - a for a, b in parts)

@@ -74,6 +74,8 @@ def test_standstill_is_left_out():
 def test_too_little_is_refused():
     with pytest.raises(CanrollError, match=r"at least 2 s are needed"):
         pieces(log_of(), Window(4.0, 4.5))
+    with pytest.raises(CanrollError, match=r"begins at 0 s, .* ends at 9\.99 s: 0 s of it are"):
+        pieces(log_of(), Window(23.0, 24.0))
     with pytest.raises(CanrollError, match="faster than 18 km/h"):
         pieces(log_of(speed=np.full(TIME.size, 1.0)), Window())
 
