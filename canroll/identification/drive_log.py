@@ -219,6 +219,10 @@ def _of_csv(path: Path, choices: Mapping[str, SignalChoice]) -> Log:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise CanrollError(f"cannot read {path}: {reason(error)}") from error
     header = [name.strip() for name in header]
+    for i, row in enumerate(rows):
+        # a decimal comma would move what follows it to other columns
+        if any(row[len(header) :]):
+            raise CanrollError(f"{path}: row {i + 2}: {len(row)} values in {len(header)} columns")
     time = next((name for name in header if name.lower() in _TIMES), None)
     if time is None:
         raise CanrollError(f"{path}: line 1: no column {' or '.join(_TIMES[:2])}")

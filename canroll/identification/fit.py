@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,6 @@ from canroll.identification.output_error import (
     Model,
     Point,
     Simulator,
-    driver,
     refined,
     search,
     searched,
@@ -198,7 +198,7 @@ def fit(
         progress("steps of the search", rounds / (rounds + 10))
 
     with engine(LOCAL, settings.jobs) as where:
-        simulator = Simulator(model, driver(model, where), report)
+        simulator = Simulator(model, where, report)
         point, minima = _best(simulator, settings)
         free = felt(fisher_at(simulator, point))
         if not any(f and not unknown.of_log for f, unknown in zip(free, sought, strict=True)):
@@ -207,8 +207,8 @@ def fit(
                 "with more steering"
             )
         point = search(simulator, replace(point, x=_held(model, point.x, free)), free)
-        content = information(simulator, point)
-    progress("steps of the search", 1.0)
+        progress("steps of the search", 1.0)
+        content = information(simulator, point, partial(progress, "drives with other inputs"))
     covariance = content.covariance(free)
     numbers = tuple(_numbers(model, point.x, covariance, free))
     name = Path(log.name).name
@@ -219,7 +219,7 @@ def fit(
     labels = [unknown.label for unknown in sought if not unknown.of_log]
     curves, agreements, predictions = _compared(model, log, settings, point.x)
     unusual = (text.partition(";")[0] for text in implausible(car))
-    remarks += (*_strange(numbers), *unusual, *_searched(minima, agreements))
+    remarks += (*_strange(numbers), *unusual, *_missed(content), *_searched(minima, agreements))
     return Fit(
         log=name,
         start=vehicle,
@@ -297,6 +297,15 @@ def _strange(numbers: tuple[FittedNumber, ...]) -> list[str]:
     return remarks
 
 
+def _missed(content: Information) -> Iterator[str]:
+    """Yield what the deviations do not allow for."""
+    if not content.of_inputs:
+        yield (
+            "the noise of the measured steering and speed is not in the deviations: the fitted car "
+            "could not be driven with any other draw of it"
+        )
+
+
 def _searched(minima: tuple[float, ...], agreements: tuple[Agreement, ...]) -> Iterator[str]:
     """Yield what the searches' minima say of the best, which may be none of the whole range.
 
@@ -305,8 +314,8 @@ def _searched(minima: tuple[float, ...], agreements: tuple[Agreement, ...]) -> I
     other = _worse(minima)
     if _doubtful(minima, white=all(one.white for one in agreements)):
         yield (
-            "the fit did not converge to the noise: what is left over is correlated, and no two "
-            f"of {len(minima)} searches ended in the same minimum: give --starts {4 * len(minima)}"
+            "the fit did not converge to the noise: what is left over is correlated, and only one "
+            f"of {len(minima)} searches ended in the best minimum: give --starts {len(minima)}"
         )
     elif other:
         yield f"{other} of {len(minima)} searches ended in a worse minimum: the best is taken"
@@ -319,7 +328,7 @@ def _worse(minima: tuple[float, ...]) -> int:
 
 def _doubtful(minima: tuple[float, ...], *, white: bool) -> bool:
     """Whether neither noise that is left over nor another search confirms the best minimum."""
-    return 0 < _worse(minima) == len(minima) - 1 and not white
+    return _worse(minima) == len(minima) - 1 and not white
 
 
 def _compared(

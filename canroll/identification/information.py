@@ -3,7 +3,7 @@
 All in coordinates of the unknowns, of which the priors are standard normal and independent.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,10 +30,12 @@ class Information:
     Attributes:
         fisher: of the signals alone (p, p): JᵀW J.
         scores: covariance (p, p) of JᵀW times the noise, as coloured as the residuals are.
+        of_inputs: whether the noise of the inputs is in it: not, where none could be driven.
     """
 
     fisher: NDArray[np.float64]
     scores: NDArray[np.float64]
+    of_inputs: bool = True
 
     @property
     def directions(self) -> int:
@@ -80,20 +82,26 @@ def felt(fisher: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(np.diag(fisher) > 1.0)
 
 
-def information(simulator: Simulator, point: Point) -> Information:
-    """Return the information at a point at which a search has ended."""
-    model, x = simulator.model, point.x
-    errors, compared, simulated = simulator.residuals(x), model.compared, simulator.signals(x)
+def information(
+    simulator: Simulator, point: Point, report: Callable[[float], None] = lambda share: None
+) -> Information:
+    """Return the information at a point at which a search has ended.
+
+    ``report`` is called with the share of the drives with other inputs that is done.
+    """
+    x, compared = point.x, simulator.model.compared
+    errors, simulated = simulator.residuals(x), simulator.signals(x)
     assert simulated is not None  # the search has ended there
     scaled = simulator.slopes(x) / point.scale[:, None]
     weighted = scaled / point.scale[:, None]
     scores = score_covariance(weighted, errors, compared)
-    of_inputs, variances = input_scores(model, x, simulated, weighted)
+    effect = input_scores(simulator, x, simulated, weighted, report)
     # what the inputs' errors make of the residuals is no noise of the signals
     squares = np.maximum((errors**2).sum(axis=0), TINY)
-    share = np.maximum(1.0 - variances * compared.sum(axis=0) / squares, 0.0)
+    share = np.maximum(1.0 - effect.variances * compared.sum(axis=0) / squares, 0.0)
     white = _products(scaled * np.sqrt(share)[:, None])
-    return Information(fisher_at(simulator, point), _at_least(scores, white + of_inputs))
+    scores = _at_least(scores, white + effect.covariance)
+    return Information(fisher_at(simulator, point), scores, of_inputs=effect.drives > 0)
 
 
 def _products(scaled: NDArray[np.float64]) -> NDArray[np.float64]:

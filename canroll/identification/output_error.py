@@ -5,8 +5,8 @@ signals, each weighted by the RMS of its own residual in the pass before, and ov
 Residuals that are correlated over τ samples count as if there were τ times fewer.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from math import inf
 from typing import TypeAlias
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from canroll.cases.engine import Engine, results
+from canroll.cases.engine import HERE, Engine, results
 from canroll.errors import CanrollError
 from canroll.identification import replay, unknowns
 from canroll.identification.colour import correlation_times
@@ -46,7 +46,6 @@ ROUGH = 2.0
 WHITE_PASSES = 2
 
 Slopes: TypeAlias = NDArray[np.float64]
-Drive: TypeAlias = Callable[[Sequence[Vector]], list[NDArray[np.float64] | None]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,20 +130,16 @@ def _moved(x: Vector, i: int, step: float) -> Vector:
     return moved
 
 
-def driver(model: Model, where: Engine) -> Drive:
-    """Return what drives a model at several points by the processes of an engine."""
-    shared = where.common(model)
-
-    def drive(points: Sequence[Vector]) -> list[NDArray[np.float64] | None]:
-        tasks = [(f"{i}", simulated_at, (shared, point)) for i, point in enumerate(points)]
-        return [signals for _, signals, _ in results(where, None, tasks)]
-
-    return drive
-
-
 def simulated_at(model: Model, x: Vector) -> NDArray[np.float64] | None:
     """Return the simulated signals of a model at a point: a task of its own."""
     return model.simulated(x)
+
+
+def simulated_with(
+    model: Model, x: Vector, pieces: tuple[Piece, ...]
+) -> NDArray[np.float64] | None:
+    """Return those of the model with other pieces: a task of its own."""
+    return replace(model, pieces=pieces).simulated(x)
 
 
 class Simulator:
@@ -152,15 +147,15 @@ class Simulator:
 
     Args:
         model: the model.
-        drive: what drives it at several points, by default one after the other.
+        where: what drives it at several points, or with several inputs.
         report: called after derivatives are formed.
     """
 
     def __init__(
-        self, model: Model, drive: Drive | None = None, report: Callable[[], None] = lambda: None
+        self, model: Model, where: Engine = HERE, report: Callable[[], None] = lambda: None
     ) -> None:
-        self.model, self._report = model, report
-        self._drive = drive or (lambda points: [model.simulated(point) for point in points])
+        self.model, self._where, self._report = model, where, report
+        self._shared = where.common(model)
         self._at: tuple[Vector, list[NDArray[np.float64]] | None] | None = None
         self._slopes: tuple[Vector, NDArray[np.float64], Slopes] | None = None
 
@@ -211,6 +206,19 @@ class Simulator:
         self._slopes = x.copy(), here, result
         self._report()
         return result
+
+    def _drive(self, points: Iterable[Vector]) -> Iterator[NDArray[np.float64] | None]:
+        tasks = ((f"{i}", simulated_at, (self._shared, x)) for i, x in enumerate(points))
+        return (signals for _, signals, _ in results(self._where, None, tasks))
+
+    def of_inputs(
+        self, x: Vector, inputs: Iterable[tuple[Piece, ...]]
+    ) -> Iterator[NDArray[np.float64] | None]:
+        """Yield the signals at ``x``, (n, m), with other pieces; None where it cannot drive so."""
+        tasks = (
+            (f"{i}", simulated_with, (self._shared, x, pieces)) for i, pieces in enumerate(inputs)
+        )
+        return (signals for _, signals, _ in results(self._where, None, tasks))
 
 
 def _same(x: Vector, other: Vector) -> bool:

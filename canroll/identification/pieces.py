@@ -28,6 +28,9 @@ OUTLIER = 12.0
 It must also exceed the standard deviation of the whole signal: noise grows with the speed.
 """
 
+SAME_TIME = 1e-9
+"""Times (s) that differ by less are one: those of a log are decimal fractions."""
+
 
 @dataclass(frozen=True, slots=True)
 class Window:
@@ -70,11 +73,10 @@ class Piece:
 
     def disturbed(self, generator: np.random.Generator) -> "Piece":
         """Return the piece with errors of its inputs as large as those they may have."""
-        count = len(self.speed)
         return replace(
             self,
-            steering=self.steering + self.steering_noise.errors(count, generator),
-            speed=self.speed + self.speed_noise.errors(count, generator),
+            steering=self.steering + self.steering_noise.errors(self.time, generator),
+            speed=self.speed + self.speed_noise.errors(self.time, generator),
         )
 
 
@@ -99,13 +101,13 @@ def pieces(log: Log, window: Window) -> tuple[tuple[Piece, ...], tuple[str, ...]
     remarks = [*log.remarks]
     for channel in clean.values():
         remarks += channel.remarks
-    begin = max(channel.times[0] for channel in clean.values())
-    end = min(channel.times[-1] for channel in clean.values())
-    begin, end = max(begin, window.begin - RUN_IN), min(end, window.end)
+    first = max(channel.times[0] for channel in clean.values())
+    last = min(channel.times[-1] for channel in clean.values())
+    begin, end = max(first, window.begin - RUN_IN), min(last, window.end)
     if not end - begin >= SHORTEST:
         raise CanrollError(
-            f"{log.name}: {max(end - begin, 0.0):.2g} s that all signals have in common: at least "
-            f"{SHORTEST:g} s are needed"
+            f"{log.name}: the last signal begins at {first:.6g} s, the first ends at {last:.6g} s: "
+            f"{max(end - begin, 0.0):.2g} s of it are chosen, at least {SHORTEST:g} s are needed"
         )
     parts = list(_stretches(clean, begin, end))
     left = sum(b - a for a, b in parts)
@@ -206,8 +208,24 @@ def _piece(clean: dict[str, _Clean], names: tuple[str, ...], begin: float, end: 
         for i in np.flatnonzero(np.diff(times) > max(2.5 * usual, 2.5 * SAMPLE)):
             measured[(time > times[i]) & (time < times[i + 1]), column] = np.nan
     # noise of the speed would drive the car, and look like motion that the numbers explain
-    speed, speed_noise = smoothed(sampled("speed"))
-    steering = sampled("steering")
+    values, speed_noise = smoothed(*_regular(clean["speed"], time[0], time[-1]))
+    speed = np.asarray(np.interp(time, speed_noise.times, values))
     # the car itself filters the steering: only how large its noise is must be known
-    steering_noise = Noise(smoothed(steering)[1].deviation)
-    return Piece(begin, steering, speed, names, measured, steering_noise, speed_noise)
+    _, steering_noise = smoothed(*_regular(clean["steering"], time[0], time[-1]))
+    steering_noise = replace(steering_noise, weight=0.0)
+    return Piece(begin, sampled("steering"), speed, names, measured, steering_noise, speed_noise)
+
+
+def _regular(channel: _Clean, begin: float, end: float) -> tuple[Vector, Vector]:
+    """Return times and values of a channel's samples from ``begin`` to ``end``, none missing.
+
+    Between neighbours that are several intervals apart there are as many more, on their line.
+    """
+    first = np.searchsorted(channel.times, begin + SAME_TIME, "right") - 1
+    last = np.searchsorted(channel.times, end - SAME_TIME)
+    times, values = channel.times[first : last + 1], channel.values[first : last + 1]
+    steps = np.diff(times)
+    apart = np.maximum(np.rint(steps / np.median(steps)), 1.0)
+    places = np.concatenate(([0.0], np.cumsum(apart)))
+    every = np.arange(places[-1] + 1.0)
+    return np.interp(every, places, times), np.interp(every, places, values)

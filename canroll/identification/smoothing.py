@@ -1,11 +1,11 @@
-"""A slowly changing signal without its noise: a smoothing spline on a uniform time base.
+"""A slowly changing signal without its noise: a smoothing spline of samples at equal intervals.
 
 The least sum of squared differences from the samples and of λ times the squared second differences
 (Whittaker), with the λ of least generalised cross-validation (Craven and Wahba, 1979). A signal
 without noise stays as it is.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import exp, sqrt
 
 import numpy as np
@@ -20,34 +20,43 @@ LEAST, MOST = -5.0, 25.0
 SECOND_DIFFERENCE = (1.0, -2.0, 1.0)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Noise:
-    """Noise of a signal's samples, and the λ with which it was smoothed, 0 if it was not.
+    """White noise of a signal's samples, and the λ with which it was smoothed, 0 if it was not.
 
-    ``deviation`` is the samples' standard deviation, in the signal's unit.
+    ``deviation`` is the samples' standard deviation, in the signal's unit, ``times`` (s) is when
+    they were taken: between two of them a signal is interpolated, and the noise of it is smaller.
     """
 
     deviation: float = 0.0
     weight: float = 0.0
+    times: Vector = field(default_factory=lambda: np.zeros(0))
 
-    def errors(self, count: int, generator: np.random.Generator) -> Vector:
-        """Return a draw of the errors that ``count`` samples of the signal have.
+    def errors(self, times: Vector, generator: np.random.Generator) -> Vector:
+        """Return a draw of the errors that the signal has at ``times`` (s), (n,).
 
-        Their covariance is σ² (I + λ DᵀD)⁻¹, which also covers, on average over the time, what
-        smoothing takes from the signal itself (Wahba, J. R. Statist. Soc. B 45, 1983).
+        The covariance at the samples is σ² (I + λ DᵀD)⁻¹, which also covers, on average over the
+        time, what smoothing takes from the signal itself (Wahba, J. R. Statist. Soc. B 45, 1983).
         """
+        count = len(self.times)
+        if not count:
+            return np.zeros(len(times))
         bent = sqrt(self.weight) * generator.standard_normal(count - 2)
         drawn = generator.standard_normal(count)
         for place, weight in enumerate(SECOND_DIFFERENCE):
             drawn[place : count - 2 + place] += weight * bent
-        return self.deviation * _solved(self.weight, _roughness(count), drawn)
+        errors = self.deviation * _solved(self.weight, _roughness(count), drawn)
+        return np.asarray(np.interp(times, self.times, errors))
 
 
 EXACT = Noise()
 
 
-def smoothed(samples: Vector) -> tuple[Vector, Noise]:
-    """Return the signal of ``samples`` (n), n ≥ 5, at equal intervals, and its noise."""
+def smoothed(times: Vector, samples: Vector) -> tuple[Vector, Noise]:
+    """Return the signal of ``samples`` (n), n ≥ 5, at ``times`` (s), and its noise.
+
+    The times are stamps of samples taken at equal intervals.
+    """
     bands = _roughness(len(samples))
     # eigenvalues of the matrix of roughness, but for its ends
     turns = np.pi * np.arange(len(samples)) / len(samples)
@@ -64,7 +73,7 @@ def smoothed(samples: Vector) -> tuple[Vector, Noise]:
 
     weight = exp(minimize_scalar(score, bounds=(LEAST, MOST), method="bounded").x)
     squares, count = removed(weight)
-    return _solved(weight, bands, samples), Noise(sqrt(squares / count), weight)
+    return _solved(weight, bands, samples), Noise(sqrt(squares / count), weight, times)
 
 
 def _solved(weight: float, bands: NDArray[np.float64], right: Vector) -> Vector:

@@ -10,6 +10,7 @@ import tomli_w
 
 import vehicles
 from canroll.cli.main import main
+from canroll.identification import input_noise
 from canroll.identification.unknowns import NUMBERS
 from tools.validation import fit_truth
 from vehicles import plausible
@@ -69,6 +70,13 @@ def test_an_unusual_car_is_named_and_its_file_can_be_read(drive, tmp_path, capsy
     assert "warning: tyre.cornering_stiffness_front = " in capsys.readouterr().out
     car = vehicles.load(tmp_path / "out" / "start.toml")
     assert set(plausible.outside(car)) == {FREE[0]}
+
+
+def test_noise_of_the_inputs_that_no_drive_shows_is_missed_aloud(drive, capsys, monkeypatch):
+    folder, _ = drive
+    monkeypatch.setattr(input_noise, "effects", lambda simulator, x, simulated: iter(()))
+    assert main(options(folder)) == 0
+    assert "warning: the noise of the measured steering and speed" in capsys.readouterr().out
 
 
 def test_a_reversed_roll_rate_is_named(drive, capsys):

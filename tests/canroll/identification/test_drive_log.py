@@ -60,6 +60,36 @@ def test_a_missing_signal_is_named_with_the_remedy(tmp_path):
         read(str(path), {})
 
 
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "cannot read"),
+        ("", "line 1: no column time or time_s"),
+        (HEADER.replace("time,", "clock,") + "\n0,1,2,3,4,5", "line 1: no column time or time_s"),
+        (HEADER.replace(",", ";") + "\n0;1;2;3;4;5", "line 1: no column time or time_s"),
+        ("\n".join([HEADER, *ROWS, "0.03,fast,72,5,0.1,0.01"]), "row 5: .*'fast' is no number"),
+        ("\n".join([HEADER, ROWS[0]]), "column time has fewer than two numbers"),
+        ("\n".join([HEADER, *ROWS[:2]]).replace(",10,", ",,"), "steering_wheel_deg has fewer than"),
+        # a decimal comma
+        ("\n".join([HEADER, *ROWS, "0,03,30,72,6,0,4,0,01"]), "row 5: 9 values in 6 columns"),
+    ],
+)
+def test_a_file_that_is_no_log_is_refused_in_one_line(tmp_path, content, message):
+    path = tmp_path / "drive.csv"
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(CanrollError, match=message) as refused:
+        read(str(path), {})
+    assert str(path) in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_an_empty_value_after_the_last_column_is_none(tmp_path):
+    path = tmp_path / "drive.csv"
+    path.write_text("\n".join(f"{line}," for line in [HEADER, *ROWS]))
+    assert read(str(path), {}).channels["speed"].values == pytest.approx(20.0)
+
+
 def test_a_bus_log_is_read_by_the_map_of_the_ecu(tmp_path):
     """Frames encoded by cantools and written by python-can."""
     files = dbc.PATH, dbc.PATH.with_suffix(".toml")

@@ -74,6 +74,8 @@ def test_standstill_is_left_out():
 def test_too_little_is_refused():
     with pytest.raises(CanrollError, match=r"at least 2 s are needed"):
         pieces(log_of(), Window(4.0, 4.5))
+    with pytest.raises(CanrollError, match=r"begins at 0 s, .* ends at 9\.99 s: 0 s of it are"):
+        pieces(log_of(), Window(23.0, 24.0))
     with pytest.raises(CanrollError, match="faster than 18 km/h"):
         pieces(log_of(speed=np.full(TIME.size, 1.0)), Window())
 
@@ -87,3 +89,51 @@ def test_fast_signals_are_means_over_a_sample():
     )
     (piece,), _ = pieces(log, Window())
     assert np.std(piece.measured[10:-10]) == pytest.approx(np.sqrt(0.1), rel=0.15)
+
+
+def sampled(interval, shift, lost=()):
+    """A log whose inputs have noise, sampled every ``interval`` (s) from ``shift`` on."""
+    generator = np.random.default_rng(2)
+    time = shift + interval * np.arange(round(20.0 / interval))
+    kept = np.delete(np.arange(time.size), np.array(lost, int))
+    signals = {name: (0.01 * np.arange(2000), np.zeros(2000)) for name in REQUIRED} | {
+        "steering": (time, 0.5 * np.sin(np.pi * time)),
+        "speed": (time, 22.0 + 1.5 * np.sin(0.4 * time)),
+    }
+    noise = {"steering": 1e-3, "speed": 0.01}
+    channels = {}
+    for name, (times, values) in signals.items():
+        spoilt = values + noise.get(name, 0.0) * generator.standard_normal(times.size)
+        chosen = kept if name in noise else slice(None)
+        channels[name] = Channel(SignalChoice(name), times[chosen], spoilt[chosen])
+    return Log("drive.csv", channels)
+
+
+@pytest.mark.parametrize(
+    ("interval", "shift", "lost"),
+    [
+        (0.01, 0.0, ()),
+        (0.01, 0.005, ()),
+        (0.01, -0.005, ()),
+        (0.02, 0.0, ()),
+        (0.02, -0.013, ()),
+        (0.02, 0.0, range(50, 950, 40)),
+        # means of two samples each: the noise is that of a mean
+        (0.005, 0.0, ()),
+    ],
+)
+def test_noise_of_the_inputs_is_that_of_their_own_samples(interval, shift, lost):
+    """Between samples it is smaller, and no longer white: it would pass for a signal."""
+    (piece,), _ = pieces(sampled(interval, shift, lost), Window())
+    mean = np.sqrt(min(interval / 0.01, 1.0))
+    assert piece.steering_noise.deviation == pytest.approx(mean * 1e-3, rel=0.2)
+    assert piece.speed_noise.deviation == pytest.approx(mean * 0.01, rel=0.2)
+    true = 22.0 + 1.5 * np.sin(0.4 * piece.time)
+    assert np.sqrt(np.mean((piece.speed - true) ** 2)) < 0.3 * 0.01
+
+
+def test_drawn_errors_of_the_inputs_are_those_of_interpolated_samples():
+    """Half way between two of them the variance is half of theirs."""
+    (piece,), _ = pieces(sampled(0.01, -0.005), Window())
+    drawn = piece.disturbed(np.random.default_rng(1)).steering - piece.steering
+    assert np.std(drawn) == pytest.approx(1e-3 / np.sqrt(2), rel=0.2)

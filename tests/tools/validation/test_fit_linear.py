@@ -10,7 +10,7 @@ from tools.validation import fit_linear
 def test_of_good_sensors_the_noise_of_the_inputs_widens_the_intervals(monkeypatch):
     result = fit_linear.outcome(3, 0.1)
     assert 0.5 < result.distance < 2.0
-    monkeypatch.setattr(input_noise, "effects", lambda model, x, simulated: iter(()))
+    monkeypatch.setattr(input_noise, "effects", lambda simulator, x, simulated: iter(()))
     without = fit_linear.outcome(3, 0.1)
     assert [row.error for row in without.rows] == [row.error for row in result.rows]
     wider = np.array([row.deviation for row in result.rows]) / [r.deviation for r in without.rows]
