@@ -54,7 +54,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("canroll.exchange", "hil.check"),
     ("canroll.report",),
     ("canroll.studies", "hil.watch", "canroll.attacks", "canroll.identification"),
-    ("canroll.papers", "canroll.campaigns", "canroll.validation"),
+    ("canroll.papers", "canroll.campaigns", "canroll.tyres", "canroll.validation"),
     ("canroll.cli",),
     ("canroll", "tools"),
     ("tools.mutation", "tools.differential", "tools.validation"),

@@ -81,7 +81,7 @@ COMMANDS = {
         handler="vehicle_tests:understeer",
     ),
     "vehicle": Subcommand(
-        "a vehicle file from mass and size; a vehicle compared with its class",
+        "a vehicle file from mass and size; a vehicle beside its class; a tyre file from a table",
         "run_parsers:vehicle",
     ),
     "fit": Subcommand("a vehicle's numbers from a measured drive", "run_parsers:fit"),

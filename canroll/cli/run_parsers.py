@@ -136,15 +136,33 @@ def understeer(parser: Parser) -> None:
     add_json(parser)
 
 
+AXES = ("iso", "sae", "adapted-sae")
+"""Axes of a tyre's table, keys of :data:`canroll.tyres.measured.AXES`."""
+
+
 def vehicle(parser: Parser) -> None:
     """Options of ``canroll vehicle``."""
     parser.description = (
         "new: write a complete vehicle file from mass and size; what is not given is estimated by "
-        "the class, with its spread. check: compare a vehicle with its class."
+        "the class, with its spread. check: compare a vehicle with its class. tyre: fit a tyre "
+        "file (.tir) to a measured table of slip angle, load, camber and lateral force."
     )
-    parser.add_argument("what", choices=("new", "check"), metavar="ACTION", help="new or check")
-    parser.add_argument("vehicle", metavar="FILE", help="vehicle file; for check also a preset")
-    parser.add_argument("--class", dest="kind", metavar="CLASS", help="car, suv or van")
+    parser.add_argument(
+        "what", choices=("new", "check", "tyre"), metavar="ACTION", help="new, check or tyre"
+    )
+    parser.add_argument(
+        "vehicle",
+        metavar="FILE",
+        help="vehicle file; for check also a preset; for tyre the table, a CSV file",
+    )
+    parser.add_argument(
+        "--class",
+        needs=("what=new", "what=check"),
+        why="canroll vehicle new and check",
+        dest="kind",
+        metavar="CLASS",
+        help="car, suv or van",
+    )
     new: dict[str, Any] = {"needs": ("what=new",), "why": "canroll vehicle new"}
     for name, unit, meaning in (
         ("mass", "KG", "of the vehicle, with driver and load"),
@@ -160,6 +178,30 @@ def vehicle(parser: Parser) -> None:
         type=key_value,
         metavar="RATIO=VALUE",
         help="a known ratio of the class, such as front_share=0.55; may be repeated",
+    )
+    tyre: dict[str, Any] = {"needs": ("what=tyre",), "why": "canroll vehicle tyre"}
+    parser.add_argument("--out", **tyre, metavar="TYRE.tir", help="tyre file to write, and .png")
+    parser.add_argument(
+        "--from",
+        **tyre,
+        dest="start",
+        metavar="START.tir",
+        help="tyre file where the fit starts, of which all that is not fitted stays",
+    )
+    parser.add_argument(
+        "--axes",
+        **tyre,
+        choices=AXES,
+        default=AXES[0],
+        help="axes of the table: ISO 8855, SAE J670, or SAE adapted by Pacejka (default: "
+        "%(default)s)",
+    )
+    parser.add_argument(
+        "--radius",
+        **tyre,
+        type=float,
+        metavar="M",
+        help="unloaded radius (default: of START.tir, else guessed)",
     )
     add_json(parser)
 

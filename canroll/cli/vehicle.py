@@ -1,4 +1,4 @@
-"""``canroll vehicle``: a vehicle file from mass and size, and a vehicle compared with its class."""
+"""``canroll vehicle``: a vehicle file from mass and size, one beside its class, a tyre file."""
 
 import argparse
 import json
@@ -20,8 +20,14 @@ from vehicles.sizing.review import ReviewedQuantity, beside_class, handling
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write an estimated vehicle, or compare one with its class."""
-    return {"new": _new, "check": _check}[args.what](args)
+    """Write an estimated vehicle, compare one with its class, or fit a tyre."""
+    return {"new": _new, "check": _check, "tyre": _tyre}[args.what](args)
+
+
+def _tyre(args: argparse.Namespace) -> int:
+    from canroll.cli import vehicle_tyre  # noqa: PLC0415 - seconds that only a fit needs
+
+    return vehicle_tyre.run(args)
 
 
 def _new(args: argparse.Namespace) -> int:

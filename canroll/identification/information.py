@@ -100,7 +100,7 @@ def information(
     squares = np.maximum((errors**2).sum(axis=0), TINY)
     share = np.maximum(1.0 - effect.variances * compared.sum(axis=0) / squares, 0.0)
     white = _products(scaled * np.sqrt(share)[:, None])
-    scores = _at_least(scores, white + effect.covariance)
+    scores = at_least(scores, white + effect.covariance)
     return Information(fisher_at(simulator, point), scores, of_inputs=effect.drives > 0)
 
 
@@ -110,7 +110,7 @@ def _products(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(flat.T @ flat)
 
 
-def _at_least(scores: NDArray[np.float64], least: NDArray[np.float64]) -> NDArray[np.float64]:
+def at_least(scores: NDArray[np.float64], least: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return scores that in no direction are less than those of noise that is known to be there.
 
     That is white noise of the signals and the effect of the inputs' errors. A fit takes out of the

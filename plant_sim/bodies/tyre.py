@@ -6,6 +6,7 @@ from math import atan, sin, sqrt
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant_sim.bodies.magic_formula import linked
 from plant_sim.kernels.jit import inlined, njit, record_of
@@ -14,6 +15,7 @@ from vehicles.tyres import LEAST, Similarity, TyreModel
 from vehicles.tyres.magic_formula import MagicFormula
 
 Kernel = Callable[..., tuple[float, float, float]]
+Points = NDArray[np.float64]
 
 _similarity = record_of(np.dtype([(name, "f8") for name in Similarity.NUMBERS]))
 
@@ -103,6 +105,27 @@ def forces_of(tyre: TyreModel, *arguments: float) -> tuple[float, float, float]:
     axle = np.zeros(1, [("tyre_model", "f8"), ("tyre", "f8", (ROOM,))])
     fill(axle[0], tyre)
     return _forces_of(axle[0], *map(float, arguments))
+
+
+@njit
+def _forces_over(axle: Any, points: Points, out: Points) -> None:  # noqa: ANN401
+    for i in range(len(points)):
+        p = points[i]
+        out[i, 0], out[i, 1], out[i, 2] = forces(axle, p[0], p[1], p[2], p[3], p[4], p[5])
+
+
+def forces_over(tyre: TyreModel, points: Points) -> Points:
+    """Forces (N) and moment (N·m) of a tyre at many points, (n, 3).
+
+    Args:
+        tyre: its model.
+        points: arguments of :meth:`vehicles.tyres.TyreModel.forces` in their order, (n, 6).
+    """
+    axle = np.zeros(1, [("tyre_model", "f8"), ("tyre", "f8", (ROOM,))])
+    fill(axle[0], tyre)
+    out = np.empty((len(points), 3))
+    _forces_over(axle[0], points, out)
+    return out
 
 
 def fill(axle: Any, tyre: TyreModel) -> None:  # noqa: ANN401

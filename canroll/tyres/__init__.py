@@ -1,0 +1,1 @@
+"""Tyre property files from measured tables: reading, fitting, and what a table cannot tell."""
