@@ -78,13 +78,13 @@ def understeer(args: argparse.Namespace) -> int:
     terminal.show_warnings(controller.warnings)
     terminal.show_titled(_turns(vehicle, pair))
     terminal.show_titled(_gradients(vehicle, pair))
-    turns = [f"{state.lateral_acceleration:.2f} m/s²" for state in pair.controlled.states]
-    for line in limits(controller, pair.control, turns):
+    turns = [state.lateral_acceleration for state in pair.controlled.states]
+    for line in limits(controller, pair.control, turns, "turns", "m/s²"):
         print(line)
-    fitted = [s for s in pair.controlled.states if s.lateral_acceleration <= UP_TO]
-    limited = sum(each.limited for each in pair.control[: len(fitted)])
+    fitted = sum(lateral <= UP_TO for lateral in turns)
+    limited = sum(each.limited for each in pair.control[:fitted])
     if limited:
-        print(f"the gradients with control include {limited} of these turns (of {len(fitted)})")
+        print(f"gradients of {fitted} turns, with control at such a limit in {limited} of them")
     return 0
 
 
@@ -102,8 +102,7 @@ def response(args: argparse.Namespace) -> int:
         "passive": per_steering_wheel(pair.passive, vehicle),
         "controlled": per_steering_wheel(pair.controlled, vehicle),
     }
-    places = [f"{each:.2f} Hz" for each in frequency]
-    lines = list(limits(controller, pair.control, places))
+    lines = list(limits(controller, pair.control, frequency, "sines", "Hz"))
     where = f"{_title(settings)}, {args.load}, {args.speed:g} km/h"
     if args.out is not None:
         draw(frequency, rows, "\n".join([where, *lines]), args.out / PICTURE)
@@ -160,21 +159,27 @@ def driven(settings: Settings, controller: PreparedController) -> dict[str, Any]
 
 
 def limits(
-    controller: PreparedController, control: Sequence[Control], places: Sequence[str]
+    controller: PreparedController,
+    control: Sequence[Control],
+    places: Sequence[float] | NDArray[np.float64],
+    manoeuvres: str,
+    unit: str,
 ) -> Iterator[str]:
     """Yield in words what limits control, and where.
 
-    ``places``: the manoeuvres of ``control`` that have results, in order.
+    ``places``: of the ``manoeuvres`` that have results, in their order and ``unit``.
     """
-    unit = "mA" if controller.record.actuator == VALVES else "N·m"
+    largest = limit_of(controller.record)
+    of = f" of {largest:.0f} {'mA' if controller.record.actuator == VALVES else 'N·m'}"
     for name, what in KINDS.items():
         shares = [getattr(each, name) for each in control[: len(places)]]
         where = [place for place, share in zip(places, shares, strict=True) if share > 0.0]
-        if not where:
-            continue
-        limit = f" of {limit_of(controller.record):.0f} {unit}" if name == "at_limit" else ""
-        at = where[0] if len(where) == 1 else f"{where[0]} to {where[-1]}"
-        yield f"{what}{limit}, at {at}: up to {_percent(max(shares))} of the time"
+        if where:
+            span = " to ".join(dict.fromkeys(f"{place:.2f}" for place in (where[0], where[-1])))
+            yield (
+                f"{what}{of if name == 'at_limit' else ''} in {len(where)} of {len(places)} "
+                f"{manoeuvres}, {span} {unit}, {_percent(max(shares))} of the time at most"
+            )
 
 
 def _title(settings: Settings) -> str:

@@ -132,7 +132,7 @@ def limit(parser: Parser) -> None:
 def _add_control(parser: Parser) -> None:
     """Add the choices of the controlled vehicle, which is driven if a law or calibration is."""
     others = [name for name in OF_A_RUN if name not in {*CONTROL, *WITHOUT_EFFECT}]
-    add_choices(parser, (*CONTROL, *others))
+    add_choices(parser, (*CONTROL, *others), defaults={"law": None})
     parser.relate(Relations(needs=CONTROL, why="--law or --calibration"), *others)
     parser.asked = CONTROL
 

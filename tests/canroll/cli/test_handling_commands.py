@@ -47,9 +47,15 @@ def test_understeer_shows_both_vehicles(capsys):
 
 
 def test_the_controlled_understeer_names_where_control_ends(capsys):
-    assert main(["understeer", *CONTROLLED]) == 0
+    full = ["--law", "steering_lead", "--moment-share", "1"]
+    assert main(["understeer", "--plant", "roll1", *full]) == 0
     text = capsys.readouterr().out
-    for part in ("characteristic speed", "command at its limit of", "up to 100 % of the time"):
+    for part in (
+        "characteristic speed",
+        "command at its limit of",
+        "gradients of 5 turns, with control at such a limit in",
+        "100 % of the time at most",
+    ):
         assert part in text
 
 
