@@ -94,7 +94,8 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     if name not in COMMANDS:
         raise UnknownNameError("command", name, COMMANDS)
     parser = parser_of(name)
-    arguments = [name, *project_file.words(parser.options, arguments[1:]), *arguments[1:]]
+    words = arguments[1:]
+    arguments = [name, *project_file.words(parser.open_to(words), words), *words]
     namespace, unknown = parser.read(arguments[1:])
     if unknown:
         raise UsageError(

@@ -6,7 +6,7 @@ of another option, ``"bound"``: that it is given; or ``"pace=lockstep"``: that i
 """
 
 import argparse
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
@@ -43,11 +43,13 @@ class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line that refers to ``--help``.
 
     Options have one spelling, as command lines are read and written again. ``--help`` leaves out
-    the rare ones.
+    the rare ones. ``asked``: options, by destination, that make the command do more, which it does
+    where the command line asks for it.
     """
 
     def __init__(self, **options: Any) -> None:  # noqa: ANN401
         self.relations: dict[str, Relations] = {}
+        self.asked: tuple[str, ...] = ()
         self._given: set[str] = set()
         super().__init__(**{**options, "allow_abbrev": False})
         self.add_argument("--help-all", action=_HelpAll, help="show the rare options too")
@@ -137,9 +139,20 @@ class Parser(argparse.ArgumentParser):
                 action.help = text
 
     @property
-    def options(self) -> Collection[str]:
+    def options(self) -> Set[str]:
         """How the options are written."""
         return self._option_string_actions.keys()
+
+    def open_to(self, words: Sequence[str]) -> Collection[str]:
+        """Return the options that a file may add to a command line.
+
+        What makes the command do more, and what needs that, is not added unless it is asked for.
+        """
+        written = {word.partition("=")[0] for word in words}
+        if not self.asked or any(self.spelt(name) in written for name in self.asked):
+            return self.options
+        more = {*self.asked, *(n for n, r in self.relations.items() if r.needs == self.asked)}
+        return self.options - {self.spelt(name) for name in more}
 
     def error(self, message: str) -> NoReturn:
         """Report the error in one line on stderr and exit with 2."""

@@ -18,11 +18,15 @@ from canroll.cli.options import (
     path_named,
     scenario,
 )
-from canroll.cli.parser import Parser
+from canroll.cli.parser import Parser, Relations
 from canroll.setup.choices import CHOICES
 
 DEFAULT_SPEEDS = "60:120:20"
 LOADS = ("laden", "empty")
+CONTROL = ("law", "calibration")
+"""Choices of which one adds the controlled vehicle to a handling test."""
+WITHOUT_EFFECT = ("vehicle", "plant", "speed_kmh", "options", "faults", "fault_file")
+"""Choices of a run that a handling test makes itself, has already, or does without."""
 
 
 def run(parser: Parser) -> None:
@@ -125,13 +129,22 @@ def limit(parser: Parser) -> None:
     add_json(parser)
 
 
+def _add_control(parser: Parser) -> None:
+    """Add the choices of the controlled vehicle, which is driven if a law or calibration is."""
+    others = [name for name in OF_A_RUN if name not in {*CONTROL, *WITHOUT_EFFECT}]
+    add_choices(parser, (*CONTROL, *others), defaults={"law": None})
+    parser.relate(Relations(needs=CONTROL, why="--law or --calibration"), *others)
+    parser.asked = CONTROL
+
+
 def understeer(parser: Parser) -> None:
     """Options of ``canroll understeer``."""
     parser.description = (
         "Drive a circle at increasing speed; steering, roll and sideslip of each steady turn, and "
-        "the gradients of their linear part."
+        "the gradients of their linear part. With --law or --calibration without and with control."
     )
     add_choices(parser, ("vehicle", "plant"))
+    _add_control(parser)
     parser.add_argument("--radius", type=float, default=100.0, metavar="M", help="default: 100")
     add_json(parser)
 
@@ -339,11 +352,13 @@ def response(parser: Parser) -> None:
     """Options of ``canroll response``."""
     parser.description = (
         "Steer in sines of rising frequency; yaw rate, lateral acceleration and roll angle per "
-        "steering-wheel angle. With --linear: the plant linearised about straight running or a "
-        "steady curve, its modes, its responses to moment and steering, and its distance to the "
-        "design model."
+        "steering-wheel angle. With --law or --calibration without and with control. With "
+        "--linear: the plant linearised about straight running or a steady curve, its modes, its "
+        "responses to moment and steering, and its distance to the design model."
     )
     add_choices(parser, ("vehicle", "plant"))
+    _add_control(parser)
+    parser.relate(Relations(excludes={"linear": "--linear drives nothing"}), *CONTROL)
     parser.add_argument("--speed", type=float, default=100.0, metavar="KMH", help="default: 100")
     parser.add_argument(
         "--load", choices=LOADS, default=LOADS[0], help="laden or empty (default: %(default)s)"
@@ -366,9 +381,10 @@ def response(parser: Parser) -> None:
     )
     parser.add_argument(
         "--out",
-        needs=linear,
+        needs=(*linear, *CONTROL),
+        why="--linear, --law or --calibration",
         type=path_named,
         metavar="DIR",
-        help="with --linear: write response.png there",
+        help="with --linear, --law or --calibration: write response.png there",
     )
     add_json(parser)

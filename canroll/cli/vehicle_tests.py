@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 import vehicles
-from canroll.cli import terminal
+from canroll.cli import handling_pair, terminal
 from canroll.cli.cases import driven
 from canroll.cli.options import choices_of
+from canroll.cli.run_parsers import CONTROL
 from canroll.errors import CanrollError
 from canroll.report.page import PageTable
 from canroll.report.run_folder import write_page
@@ -33,7 +34,6 @@ from plant_sim.world.handling import SpeedLimit
 from vehicles import Vehicle
 from vehicles.unladen import unladen
 
-PICTURE = "response.png"
 LARGEST_ACCELERATION = 12.0
 """Above the grip of any tyre on a road (m/s²)."""
 
@@ -45,10 +45,17 @@ def _vehicle_and_body(args: argparse.Namespace) -> tuple[Vehicle, Body]:
     )
 
 
+def _with_control(args: argparse.Namespace) -> bool:
+    """Whether the controlled vehicle is driven as well."""
+    return any(name in args.given for name in CONTROL)
+
+
 def understeer(args: argparse.Namespace) -> int:
     """Run the constant-radius test of ISO 4138 and print its table."""
     vehicle, body = _vehicle_and_body(args)
-    result = handling.constant_radius(vehicle, body, radius=args.radius)
+    if _with_control(args):
+        return handling_pair.understeer(args)
+    result = handling.constant_radius(vehicle, handling.passive(vehicle, body), radius=args.radius)
     if args.json:
         print(json.dumps({"vehicle": vehicle.name, "plant": body.name, **asdict(result)}))
         return 0
@@ -73,24 +80,21 @@ def response(args: argparse.Namespace) -> int:
     if not 20.0 <= args.speed <= 200.0:
         raise CanrollError(f"speed {args.speed:g} km/h: must be 20 to 200 km/h")
     vehicle, body = _vehicle_and_body(args)
+    if _with_control(args):
+        return handling_pair.response(args)
     if args.load == "empty":
         vehicle = unladen(vehicle)
     if args.linear:
         return _linear(args, vehicle, body)
-    result = handling.frequency_response(vehicle, body, speed=args.speed / 3.6)
-    rows = {
-        "yaw_rate": result.yaw_rate / vehicle.steering.ratio,
-        "lateral_acceleration": result.lateral_acceleration / vehicle.steering.ratio,
-        "roll": result.roll / vehicle.steering.ratio,
-    }
+    result = handling.frequency_response(
+        vehicle, handling.passive(vehicle, body), speed=args.speed / 3.6
+    )
+    rows = handling_pair.per_steering_wheel(result, vehicle)
     if args.json:
         answer = {"vehicle": vehicle.name, "plant": body.name, "speed_kmh": args.speed}
         answer |= {"load": args.load, "frequency_hz": result.frequency.tolist()}
         for name, row in rows.items():
-            answer[name] = {
-                "gain": np.abs(row).tolist(),
-                "phase_deg": np.degrees(np.unwrap(np.angle(row))).tolist(),
-            }
+            answer[name] = handling_pair.gain_and_phase(row)
         print(json.dumps(answer))
         return 0
     print(
@@ -129,7 +133,7 @@ def _linear(args: argparse.Namespace, vehicle: Vehicle, body: Body) -> int:
         f"steady curve of {lateral:g} m/s², friction {friction:g}" if lateral else "straight ahead"
     )
     if args.out is not None:
-        draw(answer, where, args.out / PICTURE)
+        draw(answer, where, args.out / handling_pair.PICTURE)
     if args.json:
         asked = {
             "vehicle": vehicle.name,
@@ -147,7 +151,7 @@ def _linear(args: argparse.Namespace, vehicle: Vehicle, body: Body) -> int:
     if answer.distance is None:
         print(f"\nno design model at this trim: {answer.why_not}")
     if args.out is not None:
-        print(f"\nwritten: {args.out / PICTURE}")
+        print(f"\nwritten: {args.out / handling_pair.PICTURE}")
     return 0
 
 

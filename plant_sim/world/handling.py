@@ -1,21 +1,24 @@
-"""Handling of the passive vehicle: understeer (ISO 4138), frequency response (ISO 7401), limits."""
+"""Handling of a vehicle: understeer (ISO 4138), frequency response (ISO 7401), limits.
 
-from collections.abc import Callable
+A test steers and evaluates; how its manoeuvres are driven, by the plant alone or in closed loop, is
+its argument.
+"""
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import atan, degrees, pi, sqrt
+from math import atan, degrees, pi, radians, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, VerdictError
 from canroll.typing import Vector
-from plant_sim.bodies import ports
 from plant_sim.bodies.ports import Body
 from plant_sim.driving.drive import ManeuverPlan, make_drive, steady_steer
 from plant_sim.driving.driver import STEER_TABLE
 from plant_sim.driving.maneuvers import Maneuver, build
 from plant_sim.kernels.instants import STEP_NS
-from plant_sim.world.open_loop import run_passive
+from plant_sim.world import open_loop
 from vehicles import GRAVITY, Vehicle
 
 SETTLED = 1000
@@ -23,6 +26,22 @@ SETTLED = 1000
 
 LINEAR_ACCELERATION = 3.0
 """Lateral acceleration (m/s²) up to which the gradients are fitted."""
+
+EVALUATED = ("vx", "vy", "ay", "yaw_rate", "roll", "path_error", "rollover", "steer")
+"""Signals (:mod:`plant_sim.world.recording`) that the tests evaluate."""
+
+Drive = Callable[[Maneuver, int], Mapping[str, NDArray[np.float64]]]
+"""Drives a manoeuvre and returns the signals :data:`EVALUATED` of so many steps at its end."""
+
+
+def passive(vehicle: Vehicle, body: Body) -> Drive:
+    """Return how the plant alone drives, with all actuators off."""
+
+    def drive(maneuver: Maneuver, last: int) -> Mapping[str, NDArray[np.float64]]:
+        signals = open_loop.signals(*open_loop.run_passive(vehicle, body, maneuver))
+        return {name: signals[name][-last:] for name in EVALUATED}
+
+    return drive
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +71,7 @@ class Understeer:
     limit: float
 
 
-def constant_radius(vehicle: Vehicle, body: Body, *, radius: float = 100.0) -> Understeer:
+def constant_radius(vehicle: Vehicle, drive: Drive, *, radius: float = 100.0) -> Understeer:
     """Drive a circle of ``radius`` (m) at increasing speeds, each to its steady state.
 
     Raises:
@@ -66,20 +85,21 @@ def constant_radius(vehicle: Vehicle, body: Body, *, radius: float = 100.0) -> U
         if not 5 / 3.6 <= speed <= 160 / 3.6:
             continue
         maneuver = build("constant_radius", vehicle, speed, radius=radius)
-        outputs, steer = run_passive(vehicle, body, maneuver)
-        last = outputs[-SETTLED:].mean(axis=0)
-        off = abs(last[ports.PATH_ERROR]) > 0.05 * radius
+        signals = drive(maneuver, SETTLED)
+        rows = np.column_stack([signals[name] for name in EVALUATED])
+        last = dict(zip(EVALUATED, map(float, rows.mean(axis=0)), strict=True))
+        off = abs(last["path_error"]) > 0.05 * radius
         # a car that slides past the circle may be near it all the same
-        off = off or abs(radius * last[ports.AY] / last[ports.VX] ** 2 - 1.0) > 0.05
-        if outputs[-1, ports.ROLLOVER] or off or last[ports.VX] < 0.95 * speed:
+        off = off or abs(radius * last["ay"] / last["vx"] ** 2 - 1.0) > 0.05
+        if signals["rollover"][-1] or off or last["vx"] < 0.95 * speed:
             break
         states.append(
             SteadyState(
-                speed=float(last[ports.VX]),
-                lateral_acceleration=float(last[ports.AY]),
-                steer=float(steer[-SETTLED:].mean()),
-                roll=float(last[ports.ROLL]),
-                sideslip=atan(last[ports.VY] / last[ports.VX]),
+                speed=last["vx"],
+                lateral_acceleration=last["ay"],
+                steer=float(signals["steer"].mean()),
+                roll=last["roll"],
+                sideslip=atan(last["vy"] / last["vx"]),
             )
         )
     linear = [state for state in states if state.lateral_acceleration <= LINEAR_ACCELERATION]
@@ -104,6 +124,16 @@ def constant_radius(vehicle: Vehicle, body: Body, *, radius: float = 100.0) -> U
     )
 
 
+def characteristic_speed(vehicle: Vehicle, gradient: float) -> float | None:
+    """Return the speed (m/s) at which a circle takes twice the steering of a slow turn.
+
+    ``gradient``: understeer gradient in degrees of road-wheel angle per g. None: the car does not
+    understeer.
+    """
+    wheelbase = vehicle.geometry.wheelbase
+    return sqrt(wheelbase * GRAVITY / radians(gradient)) if gradient > 0.0 else None
+
+
 @dataclass(frozen=True, slots=True)
 class FrequencyResponse:
     """Complex response per road-wheel angle (rad) over ``frequency`` (Hz), SI units."""
@@ -117,7 +147,7 @@ class FrequencyResponse:
 
 def frequency_response(
     vehicle: Vehicle,
-    body: Body,
+    drive: Drive,
     *,
     speed: float = 100 / 3.6,
     lateral_acceleration: float = 2.0,
@@ -127,13 +157,16 @@ def frequency_response(
 
     ``lateral_acceleration`` (m/s²) is the steady-state value of the steering amplitude; ISO 7401
     permits at most 4. Frequencies in Hz, 0.2 to 4 by default.
+
+    Raises:
+        VerdictError: the car rolls over.
     """
     if frequencies is None:
         frequencies = np.geomspace(0.2, 4.0, 14)
     amplitude = steady_steer(vehicle, speed, lateral_acceleration)
     step = STEP_NS * 1e-9
-    columns = (ports.YAW_RATE, ports.AY, ports.ROLL)
-    responses = np.empty((len(columns), frequencies.size), dtype=np.complex128)
+    names = ("yaw_rate", "ay", "roll")
+    responses = np.empty((len(names), frequencies.size), dtype=np.complex128)
     for i, frequency in enumerate(frequencies):
         period = round(1 / (frequency * step))
         settle = period * int(np.ceil(4.0 / (period * step)))
@@ -148,16 +181,17 @@ def frequency_response(
             steer_rate=np.inf,
         )
         duration = (settle + measured) * STEP_NS
-        drive = make_drive(vehicle, speed, plan)
-        maneuver = Maneuver("sine", "sine", "ISO 7401", speed, duration, drive)
-        outputs, steer = run_passive(vehicle, body, maneuver)
+        steering = make_drive(vehicle, speed, plan)
+        signals = drive(Maneuver("sine", "sine", "ISO 7401", speed, duration, steering), measured)
+        if signals["rollover"][-1]:
+            raise VerdictError(f"{vehicle.name} rolls over at {frequency:.3g} Hz")
         # A row shows the car at the end of the step over which its steering was held: half a step
         # later than that steering's mean.
         window = np.exp(-1j * phase[settle:])
-        driven = steer[settle:] @ window
+        driven = signals["steer"] @ window
         later = np.exp(-1j * pi / period)
-        for row, column in enumerate(columns):
-            responses[row, i] = (outputs[settle:, column] @ window) * later / driven
+        for row, name in enumerate(names):
+            responses[row, i] = (signals[name] @ window) * later / driven
     return FrequencyResponse(speed, frequencies, responses[0], responses[1], responses[2])
 
 

@@ -1,6 +1,7 @@
 """The commands that measure the vehicle: limit, understeer, response."""
 
 import json
+from math import radians
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,47 @@ def test_response_prints_gains_and_phases(capsys):
     assert result["roll"]["phase_deg"][-1] < result["roll"]["phase_deg"][0] < 0
     assert main(["response", "--plant", "roll1"]) == 0
     assert "per steering-wheel angle" in capsys.readouterr().out
+
+
+CONTROLLED = ["--plant", "roll1", "--law", "plain_feedforward"]
+
+
+def test_understeer_shows_both_vehicles(capsys):
+    alone = answer(capsys, "understeer", "--plant", "roll1")
+    both = answer(capsys, "understeer", *CONTROLLED)
+    assert both["passive"] | alone == both["passive"] | {"vehicle": "van_real", "plant": "roll1"}
+    assert both["controlled"]["roll_gradient"] < 0.9 * both["passive"]["roll_gradient"]
+    # the wheelbase over twice the steering of a slow turn, from the gradient per g
+    speed, wheelbase = both["passive"]["characteristic_speed"], 3.66
+    assert radians(alone["gradient"]) / 9.81 * speed**2 == pytest.approx(wheelbase, rel=0.01)
+    assert both["law"] == "plain_feedforward" and both["command_limit"] > 0
+    last = both["control"][-1]
+    assert last["at_limit"] == 1.0
+    assert sum(last["moment"]) == pytest.approx(both["command_limit"], rel=0.01)
+
+
+def test_the_controlled_understeer_names_where_control_ends(capsys):
+    full = ["--law", "steering_lead", "--moment-share", "1"]
+    assert main(["understeer", "--plant", "roll1", *full]) == 0
+    text = capsys.readouterr().out
+    for part in (
+        "characteristic speed",
+        "command at its limit of",
+        "gradients of 5 turns, with control at such a limit in",
+        "100 % of the time at most",
+    ):
+        assert part in text
+
+
+def test_response_shows_both_vehicles_and_draws_them(capsys, tmp_path):
+    alone = answer(capsys, "response", "--plant", "roll1")
+    both = answer(capsys, "response", *CONTROLLED, "--out", str(tmp_path))
+    for name in ("yaw_rate", "lateral_acceleration", "roll"):
+        assert both["passive"][name] | alone[name] == both["passive"][name]
+    assert both["controlled"]["roll"]["peak"] < both["passive"]["roll"]["peak"]
+    assert both["passive"]["roll"]["peak"] == max(both["passive"]["roll"]["gain"])
+    assert len(both["control"]) == len(both["frequency_hz"])
+    assert (tmp_path / "response.png").read_bytes().startswith(b"\x89PNG")
 
 
 LINEAR = ["response", "--linear", "--speed", "80"]
@@ -72,6 +114,12 @@ def test_limit_of_the_fishhook_rises_with_control(capsys):
         (["response", "--plant", "nonliner"], "did you mean 'nonlinear'"),
         (["response", "--friction", "0.5"], "--friction: it belongs to --linear"),
         (["response", "--out", "there"], "--out: it belongs to --linear"),
+        (["understeer", "--bus", "500k"], "--bus: it belongs to --law or --calibration"),
+        (["understeer", "--law", "passive"], "--law passive has no control"),
+        (["understeer", "--law", "lqrr"], "did you mean 'lqr'"),
+        (["response", "--law", "lqr", "--set", "friction=0.5"], "does not take --set"),
+        ([*LINEAR, "--law", "lqr"], "--law: --linear drives nothing"),
+        (["response", "--calibration", "there.toml"], "there.toml"),
         (["response", "--load", "half"], "choose from"),
         ([*LINEAR, "--friction", "0.5"], "--friction 0.5 has no effect"),
         ([*LINEAR, "--friction", "nan"], "must be 0.05 to 1.5"),

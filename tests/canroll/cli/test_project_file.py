@@ -35,6 +35,13 @@ def test_a_command_takes_what_it_knows(folder, capsys):
     assert parse(["list", "laws"]).kind == "laws"
 
 
+def test_a_handling_test_takes_control_from_the_file_where_it_is_asked_for(folder, capsys):
+    written(folder, 'vehicle = "suv_2020"\nlaw = "lqr"\nbus = "gateway_20ms"\n')
+    assert parse(["response", "--linear"]).law is None
+    args = parse(["response", "--law", "hinf_delay"])
+    assert (args.law, args.bus) == ("hinf_delay", "gateway_20ms")
+
+
 def test_a_calibration_fixes_what_the_file_says(folder):
     written(folder, 'vehicle = "suv_2020"\nbus = "gateway_20ms"\n')
     args = parse(["run", "moose", "--calibration", "c.toml"])

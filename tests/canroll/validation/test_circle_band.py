@@ -50,7 +50,9 @@ def test_measured_gradients_are_those_of_the_log(side):
 def test_gradients_of_a_simulated_car_are_those_of_a_driven_circle():
     """ISO 4138 with a driver on a radius of 100 m, up to 3 m/s²."""
     car = vehicles.load("van_real")
-    other = handling.constant_radius(car, bodies.body("nonlinear"), radius=100.0)
+    other = handling.constant_radius(
+        car, handling.passive(car, bodies.body("nonlinear")), radius=100.0
+    )
     log = log_of(driven(car, ramp(1.8), 18.0))
     drive = replayed(log, car, EVERYTHING, "body", NONE)
     figures = {one.label: one.simulated for one in judge(drive, TOLERANCES).criteria}

@@ -255,7 +255,11 @@ def test_a_sine_sweep_has_the_response_of_single_frequencies():
     """Cross spectrum over power at 1 Hz, against sines that were driven one by one."""
     outputs, steer = run("sine_sweep", speed=20.0, lateral_acceleration=1.0, duration=60.0)
     single = handling.frequency_response(
-        VAN, NONLINEAR, speed=20.0, lateral_acceleration=1.0, frequencies=np.array([1.0])
+        VAN,
+        handling.passive(VAN, NONLINEAR),
+        speed=20.0,
+        lateral_acceleration=1.0,
+        frequencies=np.array([1.0]),
     )
     frequency, power = welch(steer, fs=1000.0, nperseg=8000)
     _, cross = csd(steer, outputs[:, ports.YAW_RATE], fs=1000.0, nperseg=8000)

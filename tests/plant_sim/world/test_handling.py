@@ -16,13 +16,15 @@ VAN = vehicles.load("van_real")
 @pytest.mark.parametrize("name", ["van_real", "suv_2020"])
 def test_gradients_of_the_linear_plant_equal_their_closed_forms(name):
     vehicle = vehicles.load(name)
-    result = handling.constant_radius(vehicle, bodies.body("roll1"), radius=80.0)
+    result = handling.constant_radius(
+        vehicle, handling.passive(vehicle, bodies.body("roll1")), radius=80.0
+    )
     assert result.gradient == pytest.approx(result.closed_form, rel=0.01)
     assert result.roll_gradient == pytest.approx(vehicle.plant.roll_gradient_deg_per_g, rel=0.01)
 
 
 def test_nonlinear_car_understeers_more_and_ends_at_its_grip():
-    result = handling.constant_radius(VAN, bodies.body("nonlinear"))
+    result = handling.constant_radius(VAN, handling.passive(VAN, bodies.body("nonlinear")))
     assert result.closed_form < result.gradient < 1.3 * result.closed_form
     assert result.roll_gradient == pytest.approx(VAN.plant.roll_gradient_deg_per_g, rel=0.02)
     assert 0.6 * vehicles.GRAVITY < result.limit < VAN.tyre.friction * vehicles.GRAVITY
@@ -32,7 +34,7 @@ def test_nonlinear_car_understeers_more_and_ends_at_its_grip():
 
 def test_radius_is_checked():
     with pytest.raises(CanrollError, match="--radius must be at least 20 m"):
-        handling.constant_radius(VAN, bodies.body("roll1"), radius=5.0)
+        handling.constant_radius(VAN, handling.passive(VAN, bodies.body("roll1")), radius=5.0)
 
 
 def bicycle_with_roll(vehicle, speed):
@@ -57,7 +59,7 @@ def test_frequency_response_equals_python_control():
     speed = 25.0
     frequencies = np.array([0.25, 0.8, 2.0, 4.0])
     ours = handling.frequency_response(
-        VAN, bodies.body("roll1"), speed=speed, frequencies=frequencies
+        VAN, handling.passive(VAN, bodies.body("roll1")), speed=speed, frequencies=frequencies
     )
     # The test drives whole milliseconds a period.
     driven = 1e3 / np.round(1e3 / frequencies)
@@ -71,7 +73,9 @@ def test_frequency_response_equals_python_control():
 def test_nonlinear_car_lags_the_linear_one_by_its_tyres():
     frequencies = np.array([0.3, 2.0])
     linear, car = (
-        handling.frequency_response(VAN, bodies.body(name), frequencies=frequencies)
+        handling.frequency_response(
+            VAN, handling.passive(VAN, bodies.body(name)), frequencies=frequencies
+        )
         for name in ("roll1", "nonlinear")
     )
     assert np.abs(car.yaw_rate[0]) == pytest.approx(np.abs(linear.yaw_rate[0]), rel=0.03)

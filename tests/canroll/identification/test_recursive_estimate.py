@@ -8,8 +8,8 @@ import tomli_w
 
 import vehicles
 from canroll.cli.main import main
+from canroll.identification.recursive_estimate import estimates
 from canroll.runs import experiment, logs
-from canroll.studies.recursive_estimate import estimates
 from firmware.identification import RATIO_ONE
 from gain_gen.calibration import calibration_file
 from vehicles.draws.fitted_cars import draws
