@@ -354,13 +354,7 @@ class Calibration:
     response_share: Annotated[
         list[i32],
         6,
-        F(
-            0,
-            SHARE_MAX,
-            Q_SHARE,
-            "",
-            "of side force, springs, dampers, moments, inertia besides; of an axle's moment",
-        ),
+        F(0, SHARE_MAX, Q_SHARE, "", "side force, springs, dampers, moments, inertia; axle's moment"),
     ]
     response_late: Annotated[
         list[i32],

@@ -51,7 +51,7 @@ def test_lies_are_found_by_it_alone(actuator, lie, watched):
         ("van_real", "bars", "actuators=stuck@1.6 + actuators=lying@1.6"),
         ("van_real", "bars", "actuators=runaway:0.8@1.6 + actuators=lying@1.6"),
         ("suv_2020", "bars", "front=runaway:0.8@1.6 + front=lying@1.6"),
-        ("car_2020", "suspension", "front=stuck@1.6 + front=lying@1.6"),
+        ("car_2020", "suspension", "front=reversed@1.6 + front=lying@1.6"),
         # both sides of an axle alike make no moment
         ("car_2020", "suspension", "rear=runaway:-0.8@1.6"),
         ("van_2022", "suspension", "actuators=runaway:-0.8@1.6"),
@@ -67,6 +67,19 @@ def test_what_does_harm_is_found_whatever_is_reported(vehicle, actuator, faults)
     )
     assert safe
     assert codes >> FAULT_ACTUATOR_CONTRADICTED & 1
+
+
+@pytest.mark.parametrize("known", [{}, {"mass": 0.05, "height": 0.02, "stiffness": 0.05}])
+def test_a_lie_that_hides_in_the_default_box_is_found_in_a_car_that_is_known_well(known):
+    _, safe = driven(
+        "double_lane_change",
+        law="steering_lead",
+        vehicle="car_2020",
+        actuator="suspension",
+        faults=["front=stuck@1.6 + front=lying@1.6"],
+        uncertainty=known,
+    )
+    assert safe == bool(known)
 
 
 @pytest.mark.parametrize("actuator", ["bars", "suspension"])

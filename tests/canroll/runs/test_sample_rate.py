@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import dbc
+import vehicles
 from canroll.runs import experiment
 from canroll.setup.controller import options_of
 from firmware.plausibility import FAULT_SAMPLE_RATE_OFF
@@ -51,14 +52,18 @@ def test_other_ticks_and_slow_buses_are_no_other_rate(tick_ms, bus):
     assert not (ticks["fault_codes"] >> FAULT_SAMPLE_RATE_OFF & 1).any()
 
 
+def sample_period(**choices):
+    return options_of(choices, vehicles.load("van_real")).sample_period
+
+
 def test_it_is_judged_where_samples_are_counted(tmp_path):
-    assert options_of({}).sample_period == 0.01
-    assert options_of({"observer": "reference"}).sample_period == 0.0
+    assert sample_period() == 0.01
+    assert sample_period(observer="reference") == 0.0
     no_counter = {"dbc": str(ROOT / "examples/own_bus/own.dbc")}
     no_counter["map"] = str(ROOT / "examples/own_bus/own.toml")
-    assert options_of(no_counter).sample_period == 0.0
+    assert sample_period(**no_counter) == 0.0
     fd = {"dbc": str(dbc.FD_PATH), "map": str(dbc.FD_MAP)}
-    assert options_of(fd).sample_period == 0.01
+    assert sample_period(**fd) == 0.01
     shorter = dbc.FD_PATH.read_text(encoding="utf-8")
     counter = re.search(r"SG_ SampleCounter : \d+\|4@1\+ \(1,0\) \[0\|15\]", shorter)
     assert counter is not None
@@ -67,4 +72,4 @@ def test_it_is_judged_where_samples_are_counted(tmp_path):
         shorter.replace(counter[0], counter[0].replace("|4@", "|3@").replace("|15]", "|7]")),
         encoding="utf-8",
     )
-    assert options_of(fd | {"dbc": str(path)}).sample_period == 0.0
+    assert sample_period(**fd | {"dbc": str(path)}) == 0.0

@@ -16,6 +16,8 @@ from plant_sim.can_bus import ECU
 OWN_BUS = Path(__file__).parents[3] / "examples" / "own_bus"
 LAW = {"law": "lqr", "observer": "acceleration"}
 NO_ROLL_RATE = ["Imu.RollRate=invalid"]
+WELL_KNOWN = {"mass": 0.05, "height": 0.02, "stiffness": 0.05}
+"""A car with a load sensor and measured springs."""
 
 
 @pytest.mark.parametrize("plant", ["nonlinear", "linear_car"])
@@ -61,13 +63,14 @@ def test_a_bank_is_no_roll_of_the_body_but_a_lateral_acceleration():
 
 
 @pytest.mark.parametrize("watched", [True, False])
-def test_an_axle_that_lies_is_still_found_by_the_other(watched):
+def test_an_axle_of_a_well_known_car_that_lies_is_still_found_by_the_other(watched):
     settings, controller = experiment.plan(
         "double_lane_change",
         **LAW,
         actuator="bars",
         faults=[*NO_ROLL_RATE, "front=reversed@1.6 + front=lying@1.6"],
         response_watch=watched,
+        uncertainty=WELL_KNOWN,
     )
     ticks = experiment.drive(settings, controller, enabled=True).ticks
     codes = np.bitwise_or.reduce(ticks["fault_codes"])

@@ -9,8 +9,7 @@ import pytest
 import vehicles
 from plant_sim import bodies
 from plant_sim.bodies import curves, nonlinear_car, parameters, ports
-from plant_sim.world import open_loop
-from plant_sim.world.handling import constant_radius
+from plant_sim.world import handling, open_loop
 from vehicles.axles import axles
 from vehicles.roll_stiffness import suspension_roll_stiffness
 from vehicles.unladen import unladen
@@ -143,7 +142,7 @@ def test_nothing_but_the_dampers_takes_energy_from_a_bounce(curved):
 
 
 def test_the_driven_roll_gradient_is_that_of_the_tables(curved):
-    tested = constant_radius(curved, BODY)
+    tested = handling.constant_radius(curved, handling.passive(curved, BODY))
     # progressive springs and stops make it stiffer as it leans
     small = [state for state in tested.states if state.lateral_acceleration < 1.2]
     roll = np.degrees(small[0].roll) / small[0].lateral_acceleration * vehicles.GRAVITY
