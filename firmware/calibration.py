@@ -354,7 +354,7 @@ class Calibration:
     response_share: Annotated[
         list[i32],
         6,
-        F(0, SHARE_MAX, Q_SHARE, "", "side force, springs, dampers, moments, inertia; axle's moment"),
+        F(0, SHARE_MAX, Q_SHARE, "", "force, springs, dampers, moments, inertia; of an axle"),
     ]
     response_late: Annotated[
         list[i32],
