@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import vehicles
 from canroll.cases.engine import LOCAL, engine
+from canroll.cli import terminal
 from canroll.cli.options import choices_of
 from canroll.errors import CanrollError, optional, writing
 from canroll.report.staging import check_parent
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from gain_gen.certificate.certificate import Certificate
     from gain_gen.certificate.coverage import Shortfall
 
+Report = Callable[[str, float], None]
 NAME = "certificate.json"
 MOST = 3
 """Conditions without a proof that are looked into, those nearest to instability."""
@@ -51,14 +53,14 @@ SIMULATED = (
 def run(args: argparse.Namespace) -> int:
     """Certify, check and report; 1 where the loop is not proved in every condition."""
     optional("flint", "canroll certify", "certify")
-    from gain_gen.certificate import checker  # noqa: PLC0415 - need the extra
-    from gain_gen.certificate.certificate import INTEGERS  # noqa: PLC0415
+    from gain_gen.certificate.certificate import INTEGERS  # noqa: PLC0415 - need the extra
     from gain_gen.certificate.coverage import least_stable, shortfall  # noqa: PLC0415
 
     calibration = calibration_file.load(args.calibration)
     path = None if args.json and args.out is None else _certificate(args.out, calibration)
     task = _task(args, calibration)
-    certificate = _certified(task, calibration)
+    with terminal.progress(quiet=args.json) as report:
+        certificate = _certified(task, calibration, report)
     worst = least_stable(certificate.unproved, calibration, task.delay.most)[:MOST]
     missing = [shortfall(member, task, calibration, certificate.delay) for member in worst]
     text = json.dumps(certificate.content, indent=1, ensure_ascii=False)
@@ -67,10 +69,8 @@ def run(args: argparse.Namespace) -> int:
             path.write_text(text + "\n", encoding="utf-8")
         text = path.read_text(encoding="utf-8")
     integers = {name: getattr(calibration.record, name) for name in INTEGERS}
-    begin = perf_counter()
-    for _ in checker.check(json.loads(text), integers):
-        pass  # an error here is one of the proof itself
-    took = perf_counter() - begin
+    with terminal.progress(quiet=args.json) as report:
+        took = _check(json.loads(text), integers, report)
     if args.json:
         print(json.dumps(to_json(certificate, missing, task, calibration.law, path)))
     else:
@@ -80,19 +80,35 @@ def run(args: argparse.Namespace) -> int:
     return 0 if certificate.proved else 1
 
 
-def _certified(task: Task, calibration: LoadedCalibration) -> "Certificate":
-    """Return the certificate; the many cars of a fitted vehicle are proved on all cores."""
+def _certified(task: Task, calibration: LoadedCalibration, report: Report) -> "Certificate":
+    """Return the certificate; its conditions are proved on all cores."""
     from gain_gen.certificate.certificate import certify  # noqa: PLC0415 - needs the extra
 
-    if task.vehicle.fit is None:
-        return certify(task, calibration)
     with engine(LOCAL, os.cpu_count() or 1) as pool:
 
-        def over(work: Callable[..., Any], *columns: Iterable[Any]) -> list[Any]:
+        def over(work: Callable[..., Any], *columns: Iterable[Any]) -> Iterator[Any]:
             started = [pool.submit(work, *row) for row in zip(*columns, strict=True)]
-            return [future.result() for future in started]
+            try:
+                for number, future in enumerate(started):
+                    report("proofs of one claim", number / len(started))
+                    yield future.result()
+            finally:  # of a claim that one condition lacks the others are not wanted
+                for future in started:
+                    future.cancel()
 
         return certify(task, calibration, over)
+
+
+def _check(content: Any, integers: dict[str, Any], report: Report) -> float:  # noqa: ANN401
+    """Check what was written as a stranger would; return how long that took, s."""
+    from gain_gen.certificate import checker  # noqa: PLC0415 - needs the extra
+
+    begin = perf_counter()
+    claims = sum(map(len, content["proved"].values()))
+    for number, _ in enumerate(checker.check(content, integers)):
+        # an error here is one of the proof itself
+        report("checker", number / claims)
+    return perf_counter() - begin
 
 
 def _certificate(out: Path | None, calibration: LoadedCalibration) -> Path:

@@ -106,8 +106,7 @@ def controller(c: Any, gain: int, y: list[Form], past: list[Form], stored: list[
     ahead = x
     for command in past[: c["predict_steps"]][::-1]:
         change = row([c["actuator_rate"]], 30, [command + moment.times(-1)])
-        ahead = advance(ahead, row([1], 1, [moment + moment + change]))
-        moment = moment + change
+        ahead, moment = advance(ahead, row([1], 1, [moment + moment + change])), moment + change
     wanted = row(c["feedback"], c["feedback_shift"], ahead)
     stored.append(wanted + row(c["feedforward"], c["feedforward_shift"], ahead))
     return row([gain], 28, [stored[-1].times(-1)]), x
@@ -283,9 +282,10 @@ def check(content: Any, c: Any) -> Any:
 
 
 if __name__ == "__main__":
-    sys.excepthook = lambda kind, error, _: print(
-        "not valid:", *f"{kind.__name__}: {error}".split()
-    )
+    if len(sys.argv) != 3:
+        print("usage: python checker.py CERTIFICATE CALIBRATION", file=sys.stderr)
+        sys.exit(2)
+    sys.excepthook = lambda kind, e, _: print("not valid:", *f"{kind.__name__}: {e}".split())
     certificate, calibration = (Path(name).read_bytes() for name in sys.argv[1:])
     content, fields = json.loads(certificate), tomllib.loads(calibration.decode())["calibration"]
     sha256 = hashlib.sha256(calibration).hexdigest()

@@ -114,6 +114,14 @@ def test_it_has_at_most_200_lines_of_code_and_imports_nothing_of_the_project():
     assert {module.partition(".")[0] for module in modules} <= {*sys.stdlib_module_names, "flint"}
 
 
+def test_it_says_what_it_takes():
+    command = [sys.executable, "-I", checker.__file__, "certificate.json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr == "usage: python checker.py CERTIFICATE CALIBRATION\n"
+
+
 def test_it_runs_alone_and_compares_the_integers(certificate, calibrated, tmp_path):
     (tmp_path / "check.py").write_text(SOURCE, encoding="utf-8")
     (tmp_path / "certificate.json").write_text(json.dumps(certificate), encoding="utf-8")
