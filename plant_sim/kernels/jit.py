@@ -122,7 +122,9 @@ def cfunc(signature: Any) -> Callable[[Function], Function]:  # noqa: ANN401
 
 def is_cached(kernel: Any) -> bool:  # noqa: ANN401
     """Whether the cache has a kernel compiled for some types."""
-    return Path(kernel._cache._cache_file._index_path).exists()
+    file = kernel._cache._cache_file
+    # the index names it before it is there
+    return Path(file._data_path(file._data_name(1))).exists()
 
 
 @contextmanager
