@@ -40,7 +40,7 @@ def comparable(ecu: Ecu, cal: Calibration) -> i32:
         return 0
     # a balance that starts amid a manoeuvre doubles its errors: it starts well below the limit
     below: i32 = rsh(cal.axles_limit, 2) * (1 - ecu.axles_known)
-    return within(ecu, ecu.motion_peak, cal.axles_limit - below)
+    return within(ecu, cal.axles_limit - below)
 
 
 def watch_axles(ecu: Ecu, cal: Calibration) -> None:

@@ -83,7 +83,7 @@ def of_shown(ecu: Ecu, cal: Calibration, shown: i32, moment: i32, left: i32) -> 
     """Return what the model may be wrong by in what is ``shown`` of the lateral acceleration."""
     wrong: i32 = of_side(cal.lateral_share[0], cal.lateral_share[1], shown, left)
     wrong = sat31(wrong + share(moment, cal.lateral_share[2]))
-    if within(ecu, ecu.motion_peak, cal.response_limit) == 0:
+    if within(ecu, cal.response_limit) == 0:
         wrong = sat31(wrong + share(shown, cal.limit_share[1]))
     return wrong
 
@@ -133,10 +133,7 @@ def watch_steady(ecu: Ecu, cal: Calibration, left: i32, beside: i32, wrong: i32)
     leave_room(ecu, STEADY, wrong, rsh(cal.response_pass, FADING))
     late: i32 = product(ecu.balance_room[DAMPERS], cal.response_late[1], 10)
     limit: i32 = sat31(ecu.balance_room[STEADY] + late + cal.steady_min)
-    if (
-        within(ecu, ecu.motion_peak, cal.response_limit) == 0
-        or side_of(left, beside, cal.steady_min) != 0
-    ):
+    if within(ecu, cal.response_limit) == 0 or side_of(left, beside, cal.steady_min) != 0:
         limit = STATE_MAX
     accuse_axles(ecu, STEADY, left, limit, cal.response_ticks)
 
@@ -187,7 +184,7 @@ def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32, bumpy: 
     shares += cal.response_share[2] * magnitude(ecu.balance_slow[DAMPERS])
     shares += cal.response_share[3] * magnitude(actuators)
     shares += cal.response_share[4] * magnitude(inertia)
-    if within(ecu, ecu.motion_peak, cal.response_limit) == 0:
+    if within(ecu, cal.response_limit) == 0:
         # stops take up what actuators give up, and no spring shows it
         shares += cal.limit_share[0] * magnitude(inertia)
         shares += cal.limit_share[1] * magnitude(actuators)

@@ -4,7 +4,7 @@ The body rolls as its suspensions do, and as the wheels do: on their tyres by a 
 but at once by what the delivered moments change, on a bank slowly, and over bumps one axle after
 the other. So the roll rate is wrong where it is far outside of the interval between the rates of
 both axles, low-passed, for a while. A single wrong stroke rate widens the interval and accuses
-nobody. It rests while wheels may be off the road.
+nobody. Once wheels may have left the road it rests.
 
 A gyro that stands still to the last bit while both suspensions change their rates to one side is
 stuck: no motion and no noise does that, at the tyres' limit neither. A finding lasts until the next
@@ -45,14 +45,11 @@ def measured(ecu: Ecu, cal: Calibration) -> i32:
     return 1
 
 
-def within(ecu: Ecu, motion: i32, limit: i32) -> i32:
-    """Return 1 where yaw rate and steering tell that the car has stayed below ``limit``.
-
-    ``motion`` is ``motion_now`` or ``motion_peak``: for so long as what judges remembers.
-    """
+def within(ecu: Ecu, limit: i32) -> i32:
+    """Return 1 where yaw rate and steering tell that the car has stayed below ``limit``."""
     if (ecu.valid[RX_IMU] & YAW) == 0 or ecu.motion_lost == 1:
         return 0
-    if motion > limit:
+    if ecu.motion_peak > limit:
         return 0
     return 1
 
@@ -92,7 +89,7 @@ def watch_rolling(ecu: Ecu, cal: Calibration) -> None:
     front: i32 = product(ecu.stroke_rate[0] - ecu.stroke_rate[1], cal.rolling_track[0], 28)
     rear: i32 = product(ecu.stroke_rate[2] - ecu.stroke_rate[3], cal.rolling_track[1], 28)
     watch_standing(ecu, cal, front, rear)
-    if within(ecu, ecu.motion_now, cal.axles_limit) == 0:
+    if within(ecu, cal.axles_limit) == 0:
         ecu.rolling_known = 0
         return
     moment: i32 = sat31(ecu.delivered[0] + ecu.delivered[1])
