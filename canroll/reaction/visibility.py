@@ -7,6 +7,7 @@ may be found or not. The errors are those of what was received in a run; no moni
 
 import math
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from canroll.reaction.reaction import ObservedTrace
 from canroll.typing import Vector
+from firmware.monitors.redundancy import FADING
 from gain_gen.monitors.bank import Bank, Residual, ticks_of
 from gain_gen.monitors.evaluation import Signals, moved, room
 from plant_sim.nodes import codec, codec_tables, e2e
@@ -121,7 +123,9 @@ def visibility(
 
 def _share(bank: Bank, residual: Residual, measured: Signals, wrong: Signals) -> float:
     """Return the largest share that lasts for the residual's time, to one side, where it holds."""
-    held = np.maximum(np.abs(measured["turning"]), np.abs(measured["steered"]))
+    motion = np.maximum(np.abs(measured["turning"]), np.abs(measured["steered"]))
+    kept = 1.0 - 0.5**FADING
+    held = np.array(list(accumulate(motion, lambda before, now: max(now, kept * before))))
     memory = max(
         part.memory(bank.tick) * bank.tick if part.washout else part.low_pass
         for part in (bank.parts[term.part] for term in residual.terms if term.sign)
