@@ -349,6 +349,7 @@ def assess(
     warnings = list(controller.warnings)
     if settings.plant == "roll1" and settings.scenario in AT_THE_LIMIT:
         warnings.append("roll1 has no tyre limits and no wheel lift: use --plant nonlinear")
+    warnings.extend(body(settings.plant).left_out(settings.vehicle))
     if settings.plant == "nonlinear":
         warnings.extend(tyre_limits.beyond(settings.vehicle, seen.signals))
     if cycle is not None:
