@@ -1,4 +1,4 @@
-"""The suspension's roll stiffness, without the compliance of the tyres, and what roll steers."""
+"""The suspension's roll stiffness, the tyres' compliance left out, and how tables steer axles."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -93,8 +93,8 @@ def suspension_roll_stiffness(vehicle: Vehicle) -> float:
 def axle_steer(vehicle: Vehicle) -> tuple[float, float]:
     """Steer of front and rear axle by their tables per lateral acceleration (rad per m/s²).
 
-    Positive into the curve: of toe over the compression in roll, and over the side force of half
-    the axle. Slopes are those at rest.
+    Positive into the curve: by toe over compression, as the body rolls, and over the side force of
+    each wheel. Slopes are those at rest; tyres share the axle's force alike.
 
     Raises:
         CanrollError: as for :func:`suspension_roll_stiffness`.
@@ -103,8 +103,8 @@ def axle_steer(vehicle: Vehicle) -> tuple[float, float]:
     body, *tilts = _steady_roll(vehicle, both, suspension_roll_stiffness(vehicle))
     front, rear = (
         axle.curves.change("toe") * axle.half_track * (body - tilt)
-        + axle.curves.change("toe_by_force") * 0.5 * vehicle.total_mass * share
-        for axle, tilt, share in zip(both, tilts, (axle.share for axle in both), strict=True)
+        + axle.curves.change("toe_by_force") * 0.5 * axle.share * vehicle.total_mass
+        for axle, tilt in zip(both, tilts, strict=True)
     )
     return front, rear
 

@@ -93,6 +93,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, PreparedC
             f"{controller.law} is designed for {controller.vehicle.name} and drives "
             f"{vehicle.name}: its margins and checks are those of {controller.vehicle.name}",
         )
+    warnings = (*warnings, *plant.left_out(vehicle))
     controller = replace(controller, warnings=(*controller.warnings, *warnings))
     # an option that the manoeuvre does not know is refused here
     speed = None if speed_kmh is None else speed_kmh / 3.6
@@ -349,7 +350,6 @@ def assess(
     warnings = list(controller.warnings)
     if settings.plant == "roll1" and settings.scenario in AT_THE_LIMIT:
         warnings.append("roll1 has no tyre limits and no wheel lift: use --plant nonlinear")
-    warnings.extend(body(settings.plant).left_out(settings.vehicle))
     if settings.plant == "nonlinear":
         warnings.extend(tyre_limits.beyond(settings.vehicle, seen.signals))
     if cycle is not None:

@@ -206,7 +206,7 @@ def test_roll_steer_adds_its_coefficient_times_the_roll_gradient(plain, axle):
     tables[axle] = travelling(toe=(0.0, slope))
     vehicle = car(*tables)
     found, _ = steady(vehicle, 0.5)
-    # Gillespie, Fundamentals of Vehicle Dynamics, (6-27): (ε_f − ε_r) dφ/da_y, ε per roll
+    # Gillespie, Fundamentals of Vehicle Dynamics, chapter 6: (ε_f − ε_r) dφ/da_y, ε per roll
     per_roll = slope * axles(vehicle)[axle].half_track
     wanted = (-1, 1)[axle] * per_roll * plain[1][axle]
     assert wanted > 0.001
@@ -221,7 +221,7 @@ def test_compliance_steer_adds_its_coefficient_times_the_axle_force(plain, axle)
     tables[axle] = pushed(toe=(0.0, slope))
     vehicle = car(*tables)
     found, _ = steady(vehicle, 0.5)
-    # Gillespie, (6-29): A_f W_f − A_r W_r, A per side force of the axle, on two wheels
+    # Gillespie: A_f W_f − A_r W_r, A per side force of the axle, on two wheels
     geometry = vehicle.geometry
     share = (geometry.static_front_share, 1 - geometry.static_front_share)[axle]
     wanted = (-1, 1)[axle] * 0.5 * slope * share * vehicle.total_mass
@@ -233,7 +233,7 @@ def test_steer_by_aligning_torque_is_its_compliance_times_the_moment():
     stiff, soft = (car(front, tyre=True) for front in (None, twisted(toe=(0.0, 2e-4))))
     before, moment = circling(stiff)
     after, _ = circling(soft)
-    # Gillespie, (6-32): the moment turns both front wheels out of the curve
+    # the moment turns both front wheels out of the curve
     assert moment < -5.0
     assert after - before == pytest.approx(-2e-4 * moment, rel=0.01)
 
@@ -311,3 +311,12 @@ def test_how_often_the_attitude_is_determined():
     assert attitudes_of() == 0.0
     assert attitudes_of(KINEMATIC[0]) == attitudes_of(None, KINEMATIC[1]) == 1.0
     assert attitudes_of(COMPLIANT[0]) == attitudes_of(*WHOLE) == curves.COMPLIANT
+
+
+def test_linear_plants_say_that_they_have_none():
+    vehicle = car(KINEMATIC[0])
+    assert list(BODY.left_out(vehicle)) == []
+    for name in ("roll1", "linear_car"):
+        assert list(bodies.body(name).left_out(car())) == []
+        (line,) = bodies.body(name).left_out(vehicle)
+        assert f"no effect on {name}" in line and "--plant nonlinear" in line
