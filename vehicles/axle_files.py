@@ -18,11 +18,6 @@ from vehicles.model import GRAVITY, RollModel, Vehicle
 from vehicles.suspensions.tables import AXLES, SECTION, VehicleTables, files_of, section
 from vehicles.suspensions.wheel import installed
 
-UNUSED = (
-    *("toe", "camber", "toe_by_force", "camber_by_force"),
-    *("toe_by_moment", "camber_by_moment"),
-)
-"""Curves that are read but that no plant has."""
 OF_BARS = ("plant.roll_stiffness", "suspension.roll_stiffness_front_share")
 BOTH: Mapping[str, tuple[str, ...]] = {
     "damper": (
@@ -72,12 +67,6 @@ def of_section(given: Any, where: str, folder: Path | None = None) -> VehicleTab
             the other has.
     """
     tables = section(given, where, folder)
-    for name, axle in zip(AXLES, tables.both, strict=True):
-        for curve in UNUSED:
-            if getattr(axle, curve) is not None:
-                raise CanrollError(
-                    f"{where}: {SECTION}.{name}: {curve} is not simulated yet: remove it"
-                )
     for kind in BOTH:
         there = [getattr(axle, kind) is not None for axle in tables.both]
         if any(there) and not all(there):

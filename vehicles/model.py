@@ -345,12 +345,20 @@ class Vehicle:
 
     @property
     def understeer(self) -> float:
-        """Understeer gradient of the linear bicycle (rad per m/s²): δ = l/R + K a_y."""
+        """Understeer gradient of the linear bicycle (rad per m/s²): δ = l/R + K a_y.
+
+        With what the axles' tables steer them: roll steer and side-force compliance steer.
+        """
         geometry, tyre = self.geometry, self.tyre
-        return (self.total_mass / geometry.wheelbase) * (
+        of_tyres = (self.total_mass / geometry.wheelbase) * (
             geometry.cg_to_rear_axle / tyre.cornering_stiffness_front
             - geometry.cg_to_front_axle / tyre.cornering_stiffness_rear
         )
+        if self.axles is None or not self.axles.moves_wheels:
+            return of_tyres
+        # by name: it reads vehicles, whose records are of this class
+        front, rear = resolve_name("vehicles.roll_stiffness:axle_steer")(self)
+        return of_tyres - float(front) + float(rear)
 
     def lateral_gain(self, speed: float) -> float:
         """Steady lateral acceleration per road-wheel angle (m/s² per rad) at ``speed`` (m/s)."""

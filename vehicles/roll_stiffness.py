@@ -1,4 +1,4 @@
-"""The suspension's roll stiffness: that of the car without the compliance of its tyres."""
+"""The suspension's roll stiffness, the tyres' compliance left out, and how tables steer axles."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -88,6 +88,25 @@ def suspension_roll_stiffness(vehicle: Vehicle) -> float:
     if excess(softest) < 0:
         return softest
     return float(brentq(excess, softest, hardest, xtol=1e-6, rtol=1e-13))
+
+
+def axle_steer(vehicle: Vehicle) -> tuple[float, float]:
+    """Steer of front and rear axle by their tables per lateral acceleration (rad per m/s²).
+
+    Positive into the curve: by toe over compression, as the body rolls, and over the side force of
+    each wheel. Slopes are those at rest; tyres share the axle's force alike.
+
+    Raises:
+        CanrollError: as for :func:`suspension_roll_stiffness`.
+    """
+    both = axles(vehicle)
+    body, *tilts = _steady_roll(vehicle, both, suspension_roll_stiffness(vehicle))
+    front, rear = (
+        axle.curves.change("toe") * axle.half_track * (body - tilt)
+        + axle.curves.change("toe_by_force") * 0.5 * axle.share * vehicle.total_mass
+        for axle, tilt in zip(both, tilts, strict=True)
+    )
+    return front, rear
 
 
 def springs_within(vehicle: Vehicle) -> Vehicle:

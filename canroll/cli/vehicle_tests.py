@@ -59,6 +59,7 @@ def understeer(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"vehicle": vehicle.name, "plant": body.name, **asdict(result)}))
         return 0
+    terminal.show_warnings(body.left_out(vehicle))
     print(f"{vehicle.title}\ncircle of {args.radius:g} m, {body.name} plant\n")
     print("speed km/h   a_y m/s²   steering wheel °   roll °   sideslip °")
     for state in result.states:

@@ -93,6 +93,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, PreparedC
             f"{controller.law} is designed for {controller.vehicle.name} and drives "
             f"{vehicle.name}: its margins and checks are those of {controller.vehicle.name}",
         )
+    warnings = (*warnings, *plant.left_out(vehicle))
     controller = replace(controller, warnings=(*controller.warnings, *warnings))
     # an option that the manoeuvre does not know is refused here
     speed = None if speed_kmh is None else speed_kmh / 3.6

@@ -4,15 +4,24 @@ A wheel touches the road at its lowest line. The lateral slip is taken there, wi
 length; so are the forces on the axle. Spin and slip refer to one effective rolling radius. A
 spinning wheel is a gyrostat on its axle, with drive and brake torque between the two.
 
+Tables of toe turn a wheel as steering does. Tables of camber incline it about its contact patch,
+for its tyre alone: where the patch is follows from the roll centre. Camber over compression is to
+the body; without it a wheel leans as its axle does. Toe and camber do no work by themselves.
+
+Compliance is that to the forces of this very instant, so that a steady state is exact. There is no
+loop through the slip, which is a state and builds up more slowly. What is left, a thrust by camber
+and a slip ratio that the toe changes, is solved by repetition: each leaves a few hundredths of the
+rest, three some 1e-6 of the wheel load.
+
 Vectors are in the heading frame. Quantities of the wheels stand side by side, four for each slot,
 and the loops over them only fill such slots: compilers make vector code of that, four wheels at
 the cost of one. The forces of the tyres, whose curves are no such code, have a loop for themselves.
 """
 
-from math import sqrt
+from math import cos, sin, sqrt
 
 from canroll.typing import Vector
-from plant_sim.bodies import ports, tyre
+from plant_sim.bodies import curves, ports, tyre
 from plant_sim.bodies.held import (
     DRIVE,
     STEER_COS,
@@ -21,6 +30,7 @@ from plant_sim.bodies.held import (
 from plant_sim.bodies.kinematics import (
     COS,
     COS_PITCH,
+    COS_ROLL,
     FORCE_X,
     FORCE_Y,
     FORCE_Z,
@@ -35,6 +45,7 @@ from plant_sim.bodies.kinematics import (
     RATE,
     SIN,
     SIN_PITCH,
+    SIN_ROLL,
     TILT_RATE,
     of_axle,
 )
@@ -56,7 +67,8 @@ LOAD, LONGITUDINAL, LATERAL, COUPLE, FORWARD, LEFT, GAP, SHAFT, SPIN_RATE, SLIP_
 N_CONTACT = 40
 
 # Scratch, four each: places of the hub from P's foot (z: from P) and of the contact from the hub,
-# wheel axis, angular velocity of the axle, slip ratio, forces and moment of the tyre.
+# wheel axis, angular velocity of the axle, slip ratio, sine of the inclination with camber, forces
+# and moment of the tyre.
 (
     X,
     Y,
@@ -71,11 +83,12 @@ N_CONTACT = 40
     TURN_Z,
     LONGER,
     SLIP_RATIO,
+    INCLINATION,
     AHEAD,
     ASIDE,
     ALIGNING,
-) = range(0, 64, 4)
-_scratch = stack_vector(64)
+) = range(0, 68, 4)
+_scratch = stack_vector(68)
 
 
 @inlined
@@ -187,8 +200,70 @@ def _push(  # noqa: PLR0917
 
 
 @inlined
+def _inwards(wheel: int) -> float:
+    """What makes a number that counts to the left count towards the middle of the car."""
+    return 2.0 * (wheel % 2) - 1.0
+
+
+@inlined
+def _angle(kind: int, wheel: int, travels: Vector, car: Car, scratch: Vector) -> float:
+    """Toe or camber (rad) of a wheel under the forces so far, positive as a turn to the left."""
+    inwards = _inwards(wheel)
+    return inwards * curves.angle(
+        car.axle[wheel // 2],
+        car.points,
+        kind,
+        travels[wheel],
+        inwards * scratch[ASIDE + wheel],
+        inwards * scratch[ALIGNING + wheel],
+    )
+
+
+@inlined
+def _steer(travels: Vector, held: Vector, car: Car, scratch: Vector) -> None:
+    """Turn the wheels by their toe."""
+    for wheel in range(4):
+        steer = held[ports.STEER] if wheel < 2 else 0.0
+        steer += _angle(curves.TOE, wheel, travels, car, scratch)
+        held[STEER_COS + wheel], held[STEER_SIN + wheel] = cos(steer), sin(steer)
+
+
+@inlined
+def _incline(travels: Vector, held: Vector, car: Car, motion: Vector, scratch: Vector) -> None:
+    """Lean the wheels for their tyres by their camber."""
+    for wheel in range(4):
+        c, s = of_axle(motion, COS, wheel), of_axle(motion, SIN, wheel)
+        if car.axle[wheel // 2].rows[curves.CAMBER] > 0.0:
+            c, s = motion[COS_ROLL], motion[SIN_ROLL]
+        camber = _angle(curves.CAMBER, wheel, travels, car, scratch)
+        up = (s * cos(camber) + c * sin(camber)) * held[STEER_COS + wheel]
+        up = motion[COS_PITCH] * up + motion[SIN_PITCH] * held[STEER_SIN + wheel]
+        scratch[INCLINATION + wheel] = up
+
+
+@inlined
+def _pull(  # noqa: PLR0917
+    inclination: int, slips: Vector, held: Vector, car: Car, scratch: Vector, contact: Vector
+) -> None:
+    """Fill the forces of the tyres, inclined by that slot of ``scratch``."""
+    for wheel in range(4):
+        ahead, aside, aligning = tyre.forces(
+            car.axle[wheel // 2],
+            contact[LOAD + wheel],
+            scratch[SLIP_RATIO + wheel],
+            slips[wheel],
+            scratch[inclination + wheel],
+            held[ports.FRICTION] + held[ports.WHEEL_FRICTION + wheel],
+            1.0 - 2.0 * (wheel % 2),
+        )
+        scratch[AHEAD + wheel], scratch[ASIDE + wheel] = ahead, aside
+        scratch[ALIGNING + wheel] = aligning
+
+
+@inlined
 def road_forces(  # noqa: PLR0917
     heave: float,
+    travels: Vector,
     spins: Vector,
     slips: Vector,
     held: Vector,
@@ -198,19 +273,16 @@ def road_forces(  # noqa: PLR0917
     contact: Vector,
 ) -> None:
     """Add the road's ``forces`` on both axles and fill the ``contact`` of the wheels."""
-    scratch = _scratch()
-    height, friction = car.axis_height + heave, held[ports.FRICTION]
-    _touch(height, spins, slips, held, car, motion, scratch, contact)
-    for wheel in range(4):
-        ahead, aside, aligning = tyre.forces(
-            car.axle[wheel // 2],
-            contact[LOAD + wheel],
-            scratch[SLIP_RATIO + wheel],
-            slips[wheel],
-            scratch[AXIS_Z + wheel],
-            friction + held[ports.WHEEL_FRICTION + wheel],
-            1.0 - 2.0 * (wheel % 2),
-        )
-        scratch[AHEAD + wheel], scratch[ASIDE + wheel] = ahead, aside
-        scratch[ALIGNING + wheel] = aligning
+    scratch, height = _scratch(), car.axis_height + heave
+    if car.attitudes > 0.0:
+        for wheel in range(4):
+            scratch[ASIDE + wheel], scratch[ALIGNING + wheel] = 0.0, 0.0
+        for _ in range(int(car.attitudes)):
+            _steer(travels, held, car, scratch)
+            _touch(height, spins, slips, held, car, motion, scratch, contact)
+            _incline(travels, held, car, motion, scratch)
+            _pull(INCLINATION, slips, held, car, scratch, contact)
+    else:
+        _touch(height, spins, slips, held, car, motion, scratch, contact)
+        _pull(AXIS_Z, slips, held, car, scratch, contact)
     _push(spins, held, car, motion, scratch, forces, contact)

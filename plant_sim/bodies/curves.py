@@ -1,4 +1,4 @@
-"""Springs, dampers and stops of the 14-DOF car, by numbers or by tables.
+"""Springs, dampers and stops of the 14-DOF car, by numbers or by tables; toe and camber by tables.
 
 The car's record has the points of all curves of both axles, and where the curve of each purpose
 is. Curves are those of a wheel over its compression from rest; see
@@ -9,18 +9,24 @@ which is that of the curve unless it was changed, as in a population.
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
+
 from canroll.errors import CanrollError
 from canroll.typing import Vector
 from plant_sim.kernels.jit import inlined, njit
 from vehicles import Vehicle
 from vehicles.axles import Axle, rebound_ratio
+from vehicles.suspensions import tables
 from vehicles.suspensions.curve import Curve
 from vehicles.suspensions.wheel import WheelCurves
 
-PURPOSES = ("spring", "stops", "damper", "damper_ratio")
+PURPOSES = ("spring", "stops", "damper", "damper_ratio", *tables.TOE, *tables.CAMBER)
 """Curves of an axle by their names in :class:`vehicles.suspensions.wheel.WheelCurves`."""
 N_CURVES = len(PURPOSES)
-SPRING, STOPS, DAMPER, DAMPER_RATIO = range(N_CURVES)
+SPRING, STOPS, DAMPER, DAMPER_RATIO, TOE = range(5)
+CAMBER = TOE + len(tables.TOE)
+COMPLIANT = 3.0
+"""Times that an evaluation determines the attitude of the wheels and their forces in turn."""
 POINTS = 1600
 """Most points of all curves of a car."""
 
@@ -77,6 +83,26 @@ def stop(axle: Any, points: Vector, travel: float) -> float:  # noqa: ANN401
     return force
 
 
+@inlined
+def angle(  # noqa: PLR0917
+    axle: Any,  # noqa: ANN401
+    points: Vector,
+    kind: int,
+    travel: float,
+    force: float,
+    moment: float,
+) -> float:
+    """Toe or camber (rad) of a wheel by travel (m), side force (N) and aligning moment (N·m)."""
+    total = 0.0
+    if axle.rows[kind] > 0.0:
+        total += lookup(points, axle.first[kind], axle.rows[kind], -travel)
+    if axle.rows[kind + 1] > 0.0:
+        total += lookup(points, axle.first[kind + 1], axle.rows[kind + 1], force)
+    if axle.rows[kind + 2] > 0.0:
+        total += lookup(points, axle.first[kind + 2], axle.rows[kind + 2], moment)
+    return total
+
+
 def fill(car: Any, axles: Sequence[Axle], vehicle: Vehicle) -> None:  # noqa: ANN401
     """Fill the record of a car with the curves of its axles.
 
@@ -99,6 +125,10 @@ def fill(car: Any, axles: Sequence[Axle], vehicle: Vehicle) -> None:  # noqa: AN
             car["points"][2 * used : 2 * (used + rows) : 2] = curve.x
             car["points"][2 * used + 1 : 2 * (used + rows) : 2] = curve.y
             used += rows
+    of_attitude = car["axle"]["rows"][:, TOE:].any(axis=0)
+    by_travel = of_attitude[[0, CAMBER - TOE]]
+    compliant = np.delete(of_attitude, [0, CAMBER - TOE])
+    car["attitudes"] = COMPLIANT if compliant.any() else float(by_travel.any())
 
 
 def _curves(axle: Axle, ratio: float) -> Iterator[Curve | None]:

@@ -12,7 +12,8 @@ from vehicles import GRAVITY
 # yaw rate about its own x and y.
 UP = ports.N_INPUTS
 TURN = UP + 3
-# Slots of four wheels: cosine and sine of the steering angle, drive force (N).
+# Slots of four wheels: cosine and sine of the steering angle, drive force (N). Toe by tables turns
+# the wheels in each evaluation.
 STEER_COS, STEER_SIN, DRIVE = range(TURN + 2, TURN + 14, 4)
 N_HELD = TURN + 14
 

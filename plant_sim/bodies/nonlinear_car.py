@@ -133,6 +133,7 @@ def _evaluate(state: Vector, held: Vector, car: Car, rate: Vector, results: Vect
     _suspension(state, held, car, results, forces)
     road_forces(
         state[HEAVE],
+        state[TRAVEL : TRAVEL + 4],
         state[SPIN : SPIN + 4],
         state[SLIP : SLIP + 4],
         held,

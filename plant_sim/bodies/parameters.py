@@ -51,13 +51,16 @@ length.
 CAR = np.dtype(
     [
         *_numbers("mass", "sprung_mass", "offset", "arm", "axis_height"),
-        *_numbers("roll_inertia", "pitch_inertia", "yaw_inertia"),
+        *_numbers("roll_inertia", "pitch_inertia", "yaw_inertia", "attitudes"),
         ("axle", AXLE, (2,)),
         *((name, "f8", (4,)) for name in WHEEL),
         ("points", "f8", (2 * curves.POINTS,)),
     ]
 )
-"""The car: inertias of the sprung body about its own CG, ``offset`` of this ahead of the car's."""
+"""The car: inertias of the sprung body about its own CG, ``offset`` of this ahead of the car's.
+
+``attitudes`` is how often an evaluation determines toe and camber of the wheels: 0 without tables.
+"""
 
 car_of = record_of(CAR)
 """In a kernel: the record that a parameter vector is."""

@@ -4,7 +4,7 @@ Axes: x forward, y left, z up; roll > 0 lifts the left side; bank > 0 is a road 
 higher; wheels in the order front left, front right, rear left, rear right. SI units throughout.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import wraps
 from typing import Any, NamedTuple
@@ -178,6 +178,15 @@ class Body:
     friction: bool = True
     wind: bool = True
     constant_speed: bool = False
+
+    def left_out(self, vehicle: Vehicle) -> Iterator[str]:
+        """What the vehicle's file has and this body lacks, one line each."""
+        linear = not self.friction and self.outside is None
+        if linear and vehicle.axles is not None and vehicle.axles.moves_wheels:
+            yield (
+                f"{vehicle.name}: toe and camber of its tables have no effect on {self.name}: "
+                "use --plant nonlinear"
+            )
 
 
 def initial_inputs() -> Vector:

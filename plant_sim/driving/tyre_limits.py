@@ -3,10 +3,12 @@
 from collections.abc import Iterator
 from math import degrees
 
+import numpy as np
+
 from plant_sim.driving.limit import slip_of
 from plant_sim.driving.standards import Signals
 from vehicles import Vehicle
-from vehicles.axles import axles
+from vehicles.axles import Axle, axles
 from vehicles.tyre_files import coefficients, outside
 
 HELD = "forces were held at those of the limit"
@@ -30,3 +32,20 @@ def beyond(vehicle: Vehicle, signals: Signals) -> Iterator[str]:
             yield (
                 f"tyre file, {axle.name}: slip angle up to {degrees(slip):.1f}° > ALPMAX; {HELD}"
             )
+        lean = _inclination(axle, signals)
+        if lean > min(file["CAMMAX"], -file["CAMMIN"]):
+            yield (
+                f"tyre file, {axle.name}: inclination up to {degrees(lean):.1f}° > CAMMAX; {HELD}"
+            )
+
+
+def _inclination(axle: Axle, signals: Signals) -> float:
+    """Largest inclination (rad) of the axle's wheels by roll and camber over their travel."""
+    camber, largest = axle.curves.camber, 0.0
+    if camber is None:
+        return largest
+    for side, inwards in (("left", -1.0), ("right", 1.0)):
+        there = np.interp(-signals[f"travel_{axle.name}_{side}"], camber.x, camber.y)
+        lean = signals["roll"] + inwards * there
+        largest = max(largest, float(np.abs(lean).max(initial=0.0)))
+    return largest

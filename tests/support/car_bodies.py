@@ -11,6 +11,7 @@ from plant_sim.bodies import ports
 from vehicles import Vehicle
 
 Array = NDArray[Any]
+NOT_TURNED = (0.0, 0.0, 0.0, 0.0)
 
 
 class Part(NamedTuple):
@@ -75,7 +76,14 @@ def axles_of(vehicle: Vehicle) -> tuple[tuple[float, float, float, float], ...]:
 class CarBodies:
     """All bodies in a state, real or complex: in the heading frame, from the foot of P."""
 
-    def __init__(self, vehicle: Vehicle, state: Array, inputs: Array) -> None:
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        state: Array,
+        inputs: Array,
+        turned: Sequence[float] | Array = NOT_TURNED,
+    ) -> None:
+        """``turned`` is what the wheels turn to the left beside the steering (rad)."""
         mass, offset = vehicle.mass, vehicle.sprung_cg_offset
         bank, grade = inputs[ports.BANK], inputs[ports.GRADE]
         self.up = np.array(
@@ -124,8 +132,9 @@ class CarBodies:
             self.parts.append(Part(unsprung, middle, middle_velocity, spin, axle_turning))
             self.hinges.append(Hinge(point + to_centre, upward, forward))
             steer = inputs[ports.STEER] if axle == 0 else 0.0
-            axis = attitude @ np.array([-np.sin(steer), np.cos(steer), 0])
             for side in range(2):
+                angle = steer + turned[2 * axle + side]
+                axis = attitude @ np.array([-np.sin(angle), np.cos(angle), 0])
                 out = attitude @ np.array([0, track if side == 0 else -track, 0])
                 own = vehicle.tyre.wheel_inertia * state[car.SPIN + 2 * axle + side]
                 hub_velocity = middle_velocity + np.cross(axle_turning, out)

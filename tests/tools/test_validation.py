@@ -1,6 +1,8 @@
 """Our 14-DOF plant agrees with an independent multi-body car of equal parameters."""
 
+from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,10 +11,14 @@ import vehicles
 
 pytest.importorskip("vehiclemodels", reason="needs commonroad-vehicle-models")
 
+from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
+
 from tools.validation import comparison_cases as ours
 from tools.validation import multi_body
+from vehicles.suspensions.tables import section
 
 SLOW = pytest.mark.slow
+TYRE = Path(__file__).parents[1] / "vehicles" / "tyres" / "passenger_52.tir"
 
 
 @cache
@@ -90,6 +96,46 @@ def test_published_slip_is_that_of_another_point():
     found = differ("van_real", ours.sine(1.0), as_published=True)
     assert found["roll"] > 10.0
     assert found["yaw_rate"] < 3.0
+
+
+def on_files(vehicle, p):
+    """The vehicle on a Magic Formula 5.2 with all that its tyres and the published ones say."""
+    other = vehicles.load({"base": "sedan_320i", "title": "tyres", "tyre": {"file": str(TYRE)}})
+    tyre, soft = vehicle.tyre, 1e3
+    numbers = {
+        key: 0.0 if key[0] in "PQRS" else value for key, value in other.magic_formula.front.items()
+    }
+    numbers |= {"PCX1": tyre.shape, "PDX1": tyre.friction, "PEX1": tyre.curvature}
+    numbers |= {"PCY1": tyre.shape, "PDY1": tyre.friction, "PEY1": tyre.curvature}
+    # stiffness is linear in load far below the load where it has its maximum
+    numbers |= {"PKX1": p.tire.p_kx1, "PKY1": 0.5 * soft * p.tire.p_ky1, "PKY2": soft}
+    # their inclination counts the other way, as their axes do
+    numbers |= {"PHY3": -p.tire.p_hy3, "RCX1": 1.0, "RCY1": 1.0}
+    return replace(vehicle, magic_formula=replace(other.magic_formula, front=numbers, rear=numbers))
+
+
+def test_camber_by_travel():
+    """Of the published sedan, with its camber on travel, on tyres with more thrust by it."""
+    vehicle, case = common("sedan_320i"), ours.step()
+    p, published = multi_body.parameters(vehicle), parameters_vehicle2()
+    p.D_f, p.D_r, p.tire.p_hy3 = published.D_f, published.D_r, -0.1
+    theirs = multi_body.simulate(p, case.speed, case.steer)
+    rigid = on_files(vehicle, p)
+    tables = {
+        axle: {
+            "kinematics": {
+                "compression [m]": [-0.1, 0.1],
+                "camber [rad]": [-0.1 * slope, 0.1 * slope],
+            }
+        }
+        for axle, slope in (("front", p.D_f), ("rear", p.D_r))
+    }
+    cambered = replace(rigid, axles=section(tables, "published"))
+    found, without = (
+        ours.difference(ours.drive_plant(car, case), theirs) for car in (cambered, rigid)
+    )
+    assert found.yaw_rate < 0.003 and found.lateral_acceleration < 0.003 and found.roll < 0.01
+    assert without.yaw_rate > 0.05
 
 
 def test_moments_balance_in_a_steady_curve():

@@ -54,6 +54,9 @@ KINDS = {
     ),
 }
 """Tables of an axle by their keys."""
+TOE = ("toe", "toe_by_force", "toe_by_moment")
+CAMBER = ("camber", "camber_by_force", "camber_by_moment")
+"""Curves whose sum is the toe or the camber of a wheel."""
 INSTALLED = "installed"
 """Key of the spring's compression (m) at compression 0 of the wheel."""
 RANGES = {
@@ -111,6 +114,11 @@ class AxleTables:
     installed: float | None = None
 
     @property
+    def moves_wheels(self) -> bool:
+        """Whether toe or camber has a table."""
+        return any(getattr(self, name) is not None for name in (*TOE, *CAMBER))
+
+    @property
     def document(self) -> dict[str, Any]:
         """The section of a vehicle file."""
         table: dict[str, Any] = {}
@@ -139,6 +147,11 @@ class VehicleTables:
         """The section of a vehicle file."""
         both = {name: getattr(self, name).document for name in AXLES}
         return {name: table for name, table in both.items() if table}
+
+    @property
+    def moves_wheels(self) -> bool:
+        """Whether an axle has a table of toe or camber."""
+        return any(axle.moves_wheels for axle in self.both)
 
     @property
     def both(self) -> tuple[AxleTables, AxleTables]:

@@ -35,6 +35,9 @@ class WheelCurves:
         damper: force (N) at the damper over its speed of compression (m/s).
         damper_ratio: speed of the damper over that of the wheel.
         side: way (m) of the contact patch outwards.
+        toe: inwards (rad); ``toe_by_force`` over the side force towards the middle of the car (N),
+            ``toe_by_moment`` over the moment towards toe-in (N·m) add to it.
+        camber: with the top outwards (rad), and its parts alike.
     """
 
     rest: float
@@ -43,6 +46,12 @@ class WheelCurves:
     damper: Curve | None
     damper_ratio: Curve
     side: Curve | None
+    toe: Curve | None
+    toe_by_force: Curve | None
+    toe_by_moment: Curve | None
+    camber: Curve | None
+    camber_by_force: Curve | None
+    camber_by_moment: Curve | None
 
     @property
     def rate(self) -> float:
@@ -138,6 +147,12 @@ def at_rest(tables: AxleTables, carried: float, place: str = "") -> WheelCurves:
         damper=tables.damper,
         damper_ratio=_ratio(tables.damper_ratio).shifted(rest),
         side=over_travel(tables.side),
+        toe=over_travel(tables.toe),
+        toe_by_force=tables.toe_by_force,
+        toe_by_moment=tables.toe_by_moment,
+        camber=over_travel(tables.camber),
+        camber_by_force=tables.camber_by_force,
+        camber_by_moment=tables.camber_by_moment,
     )
 
 

@@ -65,14 +65,30 @@ def result(foreign, tmp_path_factory):
     return run("double_lane_change", plant=f"{foreign}#{plant_map}", **SHORT)
 
 
-def test_exported_vehicle_gives_the_same_run(tmp_path):
+BY_TABLES = """base = "van_real"
+[axles.front]
+kinematics = {"compression [mm]" = [-60, 60], "toe [deg]" = [0.4, -0.2], "camber [deg]" = [0, -2]}
+[axles.rear]
+side_force = {"side_force [kN]" = [-4, 4], "toe [deg]" = [-0.3, 0.3], "camber [deg]" = [-0.8, 0.8]}
+"""
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        pytest.param('base = "van_real"', id="plain"),
+        pytest.param(BY_TABLES, id="by tables", marks=pytest.mark.slow),
+    ],
+)
+def test_exported_vehicle_gives_the_same_run(tmp_path, content):
     """Every signal has the same bits, and every frame the same bytes and instants."""
-    path = tmp_path / "van.fmu"
-    export_fmu.run(parse(["export-fmu", "vehicle", str(path)]))
+    path, vehicle = tmp_path / "van.fmu", str(tmp_path / "my_van.toml")
+    Path(vehicle).write_text(content)
+    export_fmu.run(parse(["export-fmu", "vehicle", str(path), "--vehicle", vehicle]))
     assert validate_fmu(str(path)) == []
     traces = []
     for plant in ("nonlinear", str(path)):
-        settings, controller = plan("double_lane_change", plant=plant)
+        settings, controller = plan("double_lane_change", plant=plant, vehicle=vehicle)
         traces.append(drive(settings, controller, enabled=True, duration=3.0))
     ours, theirs = traces
     for name in ours.signals:

@@ -1,105 +1,21 @@
 """Momentum, moment of momentum and energy of the 14-DOF car change by what acts on it from outside.
 
-Positions and velocities of all bodies are built here from the vehicle's data by rotation matrices;
-their rates of change are complex-step derivatives along the kernel's rates.
+The balances are those of :mod:`support.balance`, from the vehicle's data.
 """
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.car_bodies import CarBodies
+from support.balance import Balance
 
 import vehicles
 from plant_sim.bodies import nonlinear_car as car
 from plant_sim.bodies import ports
 from plant_sim.world.open_loop import advance
 
-STEP = 1e-30
 RELATIVE = 1e-9
 G = vehicles.GRAVITY
-
-
-def vector(*values):
-    return np.array(values)
-
-
-class Balance:
-    """A car in one state: what acts on it, and how its momenta and its energy change."""
-
-    def __init__(self, name, state, inputs):
-        self.vehicle, self.state, self.inputs = vehicles.load(name), state, inputs
-        self.parameters = car.build_parameters(self.vehicle)
-        self.rate, self.results = np.zeros(car.N_STATES), np.zeros(car.N_RESULTS)
-        car.evaluate(state, inputs, self.parameters, self.rate, self.results)
-        self.bodies = CarBodies(self.vehicle, state, inputs)
-        self.weight = -G * self.bodies.up
-        self.road = [self._road(wheel) for wheel in range(4)]
-
-    def change(self, of):
-        """Derivative in time of a function of the bodies, its axes being the heading frame's."""
-        shifted = CarBodies(self.vehicle, self.state + 1j * STEP * self.rate, self.inputs)
-        return np.imag(of(shifted)) / STEP
-
-    def inertial(self, of):
-        """The same of a vector, in inertial axes."""
-        return self.change(of) + np.cross(self.bodies.turn, of(self.bodies))
-
-    def about_foot(self, *parts):
-        """Moment needed about the foot of P, which moves."""
-        change = self.inertial(lambda b: b.moment_of_momentum(parts))
-        return change + np.cross(self.bodies.foot, self.bodies.momentum(parts))
-
-    def _road(self, wheel):
-        """Place, force and couple of the road on a wheel, velocities there."""
-        hub, velocity, axis, turning, _ = self.bodies.hubs[wheel]
-        lean = axis[2]
-        above = hub[2] - self.inputs[ports.ROAD_HEIGHT + wheel]
-        down = -above / (1 - lean**2) * (vector(0, 0, 1) - lean * axis)
-        ahead = np.cross(axis, [0, 0, 1])
-        ahead /= np.linalg.norm(ahead)
-        load, longitudinal, lateral, couple = (
-            self.results[slot + wheel]
-            for slot in (car.R_LOAD, car.R_LONGITUDINAL, car.R_LATERAL, car.R_COUPLE)
-        )
-        force = longitudinal * ahead + lateral * np.cross([0, 0, 1], ahead) + load * vector(0, 0, 1)
-        without_spin = turning - (turning @ axis) * axis
-        return {
-            "at": hub + down,
-            "force": force,
-            "couple": couple * axis,
-            "slip": velocity + np.cross(without_spin, down),
-            "about": axis @ np.cross(down, force) + couple,
-            "relative": self.state[car.SPIN + wheel] - turning @ axis,
-        }
-
-    @property
-    def wind(self):
-        """Force of the wind, and its moment about the foot of P."""
-        force = vector(0, self.inputs[ports.WIND_FORCE], 0)
-        about_cg = vector(self.inputs[ports.WIND_ROLL], 0, self.inputs[ports.WIND_YAW])
-        return force, about_cg - np.cross([self.vehicle.sprung_cg_offset, 0, 0], force)
-
-    def force(self):
-        on_wheels = sum(road["force"] for road in self.road)
-        return on_wheels + self.vehicle.total_mass * self.weight + self.wind[0]
-
-    def moment(self):
-        on_wheels = sum(np.cross(road["at"], road["force"]) + road["couple"] for road in self.road)
-        weights = (np.cross(p.place, p.mass * self.weight) for p in self.bodies.parts)
-        return on_wheels + sum(weights) + self.wind[1]
-
-    def power(self):
-        spins = self.state[car.SPIN : car.SPIN + 4]
-        total = sum(p.mass * self.weight @ p.velocity for p in self.bodies.parts)
-        body, (force, moment) = self.bodies.parts[0], self.wind
-        at_foot = body.velocity - np.cross(body.turning, body.place)
-        total += force @ at_foot + moment @ body.turning
-        for wheel, road in enumerate(self.road):
-            total += road["force"] @ road["slip"] + road["about"] * spins[wheel]
-            total += self.results[car.R_SHAFT + wheel] * road["relative"]
-            total += self.results[car.R_CORNER + wheel] * self.state[car.TRAVEL_RATE + wheel]
-        return total
 
 
 def close(found, wanted, scale):
@@ -147,7 +63,27 @@ FLAT = {
 }
 BUMPY = FLAT | {ports.ROAD_HEIGHT: four(-0.03, 0.03)}
 SLOPING = BUMPY | {ports.BANK: some(-0.5, 0.5), ports.GRADE: some(-0.2, 0.2)}
-NAMES = st.sampled_from(vehicles.names())
+PRESETS = st.sampled_from(vehicles.names()).map(vehicles.load)
+TOE = (0.01, 0.4), (-0.02, -0.3)
+"""Toe of front and rear wheels at rest (rad), and per compression (rad/m)."""
+TURNING = st.just(
+    vehicles.load(
+        {
+            "base": "van_real",
+            "title": "toe by tables",
+            "axles": {
+                axle: {
+                    "kinematics": {
+                        "compression [m]": [-0.1, 0.1],
+                        "toe [rad]": [rest - 0.1 * slope, rest + 0.1 * slope],
+                    }
+                }
+                for axle, (rest, slope) in zip(("front", "rear"), TOE, strict=True)
+            },
+        }
+    )
+)
+"""A car whose wheels turn as they travel."""
 
 
 def filled(size, values):
@@ -157,13 +93,26 @@ def filled(size, values):
     return vector
 
 
-def balances(inputs):
+def turned(vehicle, state):
+    """What the wheels turn to the left by toe, which is inwards."""
+    if vehicle.axles is None:
+        return np.zeros(4)
+    (front, front_slope), (rear, rear_slope) = TOE
+    toe = np.array([front, front, rear, rear])
+    toe -= np.array([front_slope, front_slope, rear_slope, rear_slope]) * state[12:16]
+    return toe * [-1, 1, -1, 1]
+
+
+def balances(inputs, cars):
     """Hypothesis' cars in any state on such a road."""
+
+    def balance(vehicle, state, given):
+        state = filled(car.N_STATES, state)
+        return Balance(vehicle, state, filled(ports.N_INPUTS, given), turned(vehicle, state))
+
     return st.builds(
-        lambda name, state, given: Balance(
-            name, filled(car.N_STATES, state), filled(ports.N_INPUTS, given)
-        ),
-        NAMES,
+        balance,
+        cars,
         STATES,
         st.fixed_dictionaries(inputs),
     )
@@ -172,13 +121,15 @@ def balances(inputs):
 def on_every_road(test):
     """Run a property on flat, bumpy and banked, graded roads."""
     cases = pytest.mark.parametrize(
-        "inputs", [FLAT, BUMPY, SLOPING], ids=["flat", "bumpy", "banked and graded"]
+        ("inputs", "cars"),
+        [(FLAT, PRESETS), (BUMPY, PRESETS), (SLOPING, PRESETS), (SLOPING, TURNING)],
+        ids=["flat", "bumpy", "banked and graded", "toe by tables"],
     )
 
     @settings(max_examples=60, deadline=None)
     @given(st.data())
-    def driven(inputs, data):
-        test(data.draw(balances(inputs)))
+    def driven(inputs, cars, data):
+        test(data.draw(balances(inputs, cars)))
 
     driven.__name__, driven.__doc__ = test.__name__, test.__doc__
     return cases(driven)

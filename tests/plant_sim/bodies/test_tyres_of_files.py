@@ -92,3 +92,19 @@ def test_a_run_beyond_the_file_is_named():
     front, rear = beyond(narrow, signals)
     assert "front: slip angle up to 2.9° > ALPMAX" in front
     assert "rear: load up to 4000 N > FZMAX" in rear
+
+
+def test_camber_beyond_the_file_is_named():
+    camber = {"compression [mm]": [-50, 50], "camber [deg]": [1, -3]}
+    table = {"base": "sedan_320i", "title": "leaning", "axles": {"front": {"kinematics": camber}}}
+    car = vehicles.load({**table, "tyre": {"file": str(TYRES / "passenger_61.tir")}})
+    narrow = car.replace({"magic_formula.front.CAMMAX": 0.06, "magic_formula.front.CAMMIN": -0.06})
+    zeros = np.zeros(2)
+    names = [f"{a}_{s}" for a in ("front", "rear") for s in ("left", "right")]
+    signals = {f"{what}_{name}": zeros for what in ("wheel_load", "travel") for name in names}
+    signals |= {"vx": zeros + 20.0, "vy": zeros, "yaw_rate": zeros, "steer": zeros}
+    # the body leans to the right by 5°, the tops of both wheels to the left of it by 1°
+    signals |= {"roll": np.radians([0.0, 5.0]), "travel_front_left": np.array([0.0, 0.05])}
+    assert list(beyond(car, signals)) == list(beyond(narrow, signals | {"roll": zeros})) == []
+    (line,) = beyond(narrow, signals)
+    assert "front: inclination up to 4.0° > CAMMAX" in line
