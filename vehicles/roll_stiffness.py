@@ -90,6 +90,7 @@ def suspension_roll_stiffness(vehicle: Vehicle) -> float:
     return float(brentq(excess, softest, hardest, xtol=1e-6, rtol=1e-13))
 
 
+@lru_cache(maxsize=256)
 def axle_steer(vehicle: Vehicle) -> tuple[float, float]:
     """Steer of front and rear axle by their tables per lateral acceleration (rad per m/s²).
 

@@ -20,6 +20,7 @@ from canroll.report.staging import check_parent
 from canroll.setup.bus_frames import profile_of
 from canroll.setup.controller import COMMANDS
 from canroll.setup.delay import sample_to_force
+from canroll.typing import Progress
 from firmware.calibration import Q_MOMENT
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from gain_gen.certificate.certificate import Certificate
     from gain_gen.certificate.coverage import Shortfall
 
-Report = Callable[[str, float], None]
 NAME = "certificate.json"
 MOST = 3
 """Conditions without a proof that are looked into, those nearest to instability."""
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     return 0 if certificate.proved else 1
 
 
-def _certified(task: Task, calibration: LoadedCalibration, report: Report) -> "Certificate":
+def _certified(task: Task, calibration: LoadedCalibration, report: Progress) -> "Certificate":
     """Return the certificate; its conditions are proved on all cores."""
     from gain_gen.certificate.certificate import certify  # noqa: PLC0415 - needs the extra
 
@@ -99,7 +99,7 @@ def _certified(task: Task, calibration: LoadedCalibration, report: Report) -> "C
         return certify(task, calibration, over)
 
 
-def _check(content: Any, integers: dict[str, Any], report: Report) -> float:  # noqa: ANN401
+def _check(content: Any, integers: dict[str, Any], report: Progress) -> float:  # noqa: ANN401
     """Check what was written as a stranger would; return how long that took, s."""
     from gain_gen.certificate import checker  # noqa: PLC0415 - needs the extra
 

@@ -7,7 +7,6 @@ may be found or not. The errors are those of what was received in a run; no moni
 
 import math
 from dataclasses import dataclass
-from itertools import accumulate
 from typing import Protocol
 
 import numpy as np
@@ -18,7 +17,7 @@ from canroll.reaction.reaction import ObservedTrace
 from canroll.typing import Vector
 from firmware.monitors.redundancy import FADING
 from gain_gen.monitors.bank import Bank, Residual, ticks_of
-from gain_gen.monitors.evaluation import Signals, moved, room
+from gain_gen.monitors.evaluation import Signals, fading, moved, room
 from plant_sim.nodes import codec, codec_tables, e2e
 from plant_sim.nodes.sensors import PER_UNIT
 from plant_sim.world.received import received_by_ecu
@@ -124,8 +123,7 @@ def visibility(
 def _share(bank: Bank, residual: Residual, measured: Signals, wrong: Signals) -> float:
     """Return the largest share that lasts for the residual's time, to one side, where it holds."""
     motion = np.maximum(np.abs(measured["turning"]), np.abs(measured["steered"]))
-    kept = 1.0 - 0.5**FADING
-    held = np.array(list(accumulate(motion, lambda before, now: max(now, kept * before))))
+    held = fading(motion, 1.0 - 0.5**FADING)
     memory = max(
         part.memory(bank.tick) * bank.tick if part.washout else part.low_pass
         for part in (bank.parts[term.part] for term in residual.terms if term.sign)

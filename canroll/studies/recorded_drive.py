@@ -4,7 +4,7 @@ The recorded car never got the commands, so they do not affect what follows: est
 fault codes are those of this drive, the commands are what the ECU would have sent.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -17,7 +17,7 @@ from canroll.reaction.fault_codes import MODES
 from canroll.reaction.reaction import CodeSeen, ModeChange, codes_seen, mode_changes
 from canroll.runs.metrics import peak, rms
 from canroll.runs.virtual_time import TickRows
-from canroll.typing import Vector
+from canroll.typing import Progress, Vector
 from codegen.generated.mailbox import EXTENDED
 from codegen.run.backends import open_backend
 from codegen.run.bus_firmware import BusFirmware
@@ -142,7 +142,7 @@ def replay(
     *,
     backend: str,
     key: bytes = DEVELOPMENT_KEY,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Progress | None = None,
 ) -> RecordedDrive:
     """Pass the frames of a log to the firmware at their times, and tick it from the first one on.
 

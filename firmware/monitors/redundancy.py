@@ -3,7 +3,7 @@
 The lateral acceleration is also yaw rate times speed, and what steering angle and speed give. In
 the tyres' linear range it is wrong where it lies far outside both; beyond, and long afterwards, as
 their own motion tells and never the accelerometer's, only an opposite sign of lateral acceleration
-and yaw rate that lasts is judged, which few slides show for so long, and a sample that stays the same
+and yaw rate that lasts is judged, which few slides show so long, and a sample that stays the same
 to the last bit while yaw rate times speed moves. Where both agree, turned away from where the car
 was steered to, and are the mirror image of what steering gives, the unit is reversed or replayed,
 or the angle is reversed. A wrong roll rate drives the observer's gyro bias to its bound, which no

@@ -31,8 +31,12 @@ def room(bank: Bank, residual: Residual, signals: Signals) -> NDArray[np.float64
             size += term.weight * np.abs(np.diff(signal, prepend=signal[:1])).mean()
         else:
             size += term.weight * np.abs(response(part, signal, bank.tick))
-    kept = exp(-bank.tick / residual.fading)
-    return np.array(list(accumulate(size, lambda before, now: max(now, kept * before))))
+    return fading(size, exp(-bank.tick / residual.fading))
+
+
+def fading(values: NDArray[np.float64], kept: float) -> NDArray[np.float64]:
+    """Return the largest of ``values`` so far, of each a share ``kept`` a sample later."""
+    return np.array(list(accumulate(values, lambda before, now: max(now, kept * before))))
 
 
 def _parts(

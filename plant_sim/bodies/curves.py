@@ -9,8 +9,6 @@ which is that of the curve unless it was changed, as in a population.
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import numpy as np
-
 from canroll.errors import CanrollError
 from canroll.typing import Vector
 from plant_sim.kernels.jit import inlined, njit
@@ -125,10 +123,9 @@ def fill(car: Any, axles: Sequence[Axle], vehicle: Vehicle) -> None:  # noqa: AN
             car["points"][2 * used : 2 * (used + rows) : 2] = curve.x
             car["points"][2 * used + 1 : 2 * (used + rows) : 2] = curve.y
             used += rows
-    of_attitude = car["axle"]["rows"][:, TOE:].any(axis=0)
-    by_travel = of_attitude[[0, CAMBER - TOE]]
-    compliant = np.delete(of_attitude, [0, CAMBER - TOE])
-    car["attitudes"] = COMPLIANT if compliant.any() else float(by_travel.any())
+    lengths = car["axle"]["rows"]
+    compliant = lengths[:, [TOE + 1, TOE + 2, CAMBER + 1, CAMBER + 2]].any()
+    car["attitudes"] = COMPLIANT if compliant else float(lengths[:, TOE:].any())
 
 
 def _curves(axle: Axle, ratio: float) -> Iterator[Curve | None]:

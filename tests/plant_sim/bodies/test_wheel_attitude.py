@@ -86,13 +86,13 @@ def of_wheels(results, slot):
 
 def lines_of(tables, name):
     """Its lines over compression, force and moment, (3, 2)."""
-    found = []
+    lines = []
     for kind, x in (("kinematics", "compression"), (BY_FORCE, BY_FORCE), (BY_MOMENT, BY_MOMENT)):
         columns = tables.get(kind, {})
         reach = columns.get(f"{x} [{UNITS[x]}]", [0.0, 1.0])[1]
         low, high = columns.get(f"{name} [rad]", [0.0, 0.0])
-        found.append((0.5 * (low + high), 0.5 * (high - low) / reach))
-    return np.array(found)
+        lines.append((0.5 * (low + high), 0.5 * (high - low) / reach))
+    return np.array(lines)
 
 
 def attitudes(both, name, state, aside, aligning):
@@ -167,15 +167,15 @@ def test_camber_that_follows_the_roll_is_that_of_a_rigid_axle():
 def test_thrust_of_static_camber_is_that_of_the_tyre():
     vehicle = car(travelling(camber=(0.03, 0.0)), travelling(camber=(-0.02, 0.0)), tyre=True)
     state, _ = BODY.build(vehicle, 20.0)
-    found = of_wheels(evaluated(vehicle, state)[1], nonlinear_car.R_LATERAL)
+    aside = of_wheels(evaluated(vehicle, state)[1], nonlinear_car.R_LATERAL)
     for wheel, camber in enumerate((0.03, 0.03, -0.02, -0.02)):
         axle = axles(vehicle)[wheel // 2]
         hand = -float(INWARDS[wheel])
         wanted = axle.tyre.forces(axle.wheel_load, 0.0, 0.0, sin(-hand * camber), 1.0, hand)
-        assert found[wheel] == pytest.approx(wanted[1], rel=1e-9)
+        assert aside[wheel] == pytest.approx(wanted[1], rel=1e-9)
     # a top that leans outwards pulls outwards
     upright = of_wheels(evaluated(car(tyre=True), state)[1], nonlinear_car.R_LATERAL)
-    assert found[0] > upright[0] + 20.0 and found[2] < upright[2] - 20.0
+    assert aside[0] > upright[0] + 20.0 and aside[2] < upright[2] - 20.0
 
 
 def steady(vehicle, lateral):
