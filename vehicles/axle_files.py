@@ -42,6 +42,8 @@ def following(tables: VehicleTables) -> dict[str, str]:
             keys[f"suspension.spring_rate_{name}"] = f"{SECTION}.{name}.spring"
         if axle.side is not None:
             keys[f"geometry.roll_centre_height_{name}"] = f"{SECTION}.{name}.kinematics"
+        if axle.steering is not None:
+            keys["steering.ratio"] = f"{SECTION}.{name}.steering"
     for kind, of in BOTH.items():
         if getattr(tables.front, kind) is not None:
             keys |= dict.fromkeys(of, f"{SECTION}.front.{kind}")
@@ -210,6 +212,8 @@ def followed(vehicle: Vehicle) -> Vehicle:
         numbers[f"suspension.spring_rate_{axle.name}"] = curves.rate
         height = axle.half_track * curves.change("side")
         numbers[f"geometry.roll_centre_height_{axle.name}"] = height
+        if axle.tables.steering is not None:
+            numbers["steering.ratio"] = 1.0 / axle.tables.steering.slope(0.0)
     numbers |= _of_dampers(both) | _of_stops(both)
     changed = _with(vehicle, {key: value for key, value in numbers.items() if key in keys})
     if OF_BARS[0] not in keys:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from math import prod
 
 from vehicles.model import GRAVITY, Vehicle
+from vehicles.suspensions.curve import Curve
 from vehicles.suspensions.tables import SECTION, AxleTables
 from vehicles.suspensions.wheel import WheelCurves, at_rest
 from vehicles.tyres import Similarity, TyreModel
@@ -115,6 +116,24 @@ def axles(vehicle: Vehicle) -> tuple[Axle, Axle]:
         )
 
     return axle(0), axle(1)
+
+
+def road_wheel_curve(vehicle: Vehicle) -> Curve | None:
+    """Angle of the left front wheel over the plants' steer, both rad; None without a table.
+
+    The steer is the angle of the steering wheel over the ratio on centre. The right wheel is the
+    mirror image of the left one.
+    """
+    table = None if vehicle.axles is None else vehicle.axles.front.steering
+    if table is None:
+        return None
+    return Curve(tuple(angle / vehicle.steering.ratio for angle in table.x), table.y)
+
+
+def road_wheels(vehicle: Vehicle, steer: float) -> float:
+    """Mean angle of the front wheels (rad) by the steering alone, at a ``steer`` of the plants."""
+    curve = road_wheel_curve(vehicle)
+    return steer if curve is None else 0.5 * (curve(steer) - curve(-steer))
 
 
 def rebound_ratio(both: Sequence[Axle]) -> float:

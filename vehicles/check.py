@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
-from math import isfinite
+from math import degrees, isfinite
 from typing import Any
 
 from vehicles.model import RollModel, Vehicle
@@ -145,6 +145,20 @@ def _consistency(vehicle: Vehicle) -> Iterator[str]:
         yield f"geometry.width = {vehicle.geometry.width:g}: narrower than the track"
 
 
+def _steering(vehicle: Vehicle) -> Iterator[str]:
+    table = None if vehicle.axles is None else vehicle.axles.front.steering
+    if table is None:
+        return
+    reach, stop = min(-table.x[0], table.x[-1]), vehicle.steering.angle_limit
+    if reach < (1.0 - 1e-9) * vehicle.steering.ratio * stop:
+        yield (
+            f"axles.front.steering ends at {degrees(reach):.0f}° of the steering wheel, but "
+            f"steering.angle_limit = {stop:g} is {degrees(vehicle.steering.ratio * stop):.0f}°, "
+            f"by the ratio on centre of {vehicle.steering.ratio:.4g}: give the table up to the "
+            f"stop, or lower the limit to {reach / vehicle.steering.ratio:.4g}"
+        )
+
+
 def problems(vehicle: Vehicle) -> Iterator[str]:
     """Reasons why ``vehicle`` is impossible, one line each; empty for a possible one."""
     wrong = list(signs(vehicle))
@@ -158,3 +172,4 @@ def problems(vehicle: Vehicle) -> Iterator[str]:
         yield from _inertia(vehicle)
     yield from _empty(vehicle)
     yield from _consistency(vehicle)
+    yield from _steering(vehicle)

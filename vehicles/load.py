@@ -117,11 +117,14 @@ def _checked(
 
 
 def _meant(other: Vehicle, table: Mapping[str, Any]) -> Iterator[str]:
-    """Keys of strange numbers that a vehicle's table has from another vehicle, which means them."""
+    """Keys of strange numbers that a vehicle's table has from another vehicle, which means them.
+
+    One that follows from tables stands in neither.
+    """
     for key in outside(other):
         section, name = key.split(".")
         numbers = table.get(section)
-        if isinstance(numbers, Mapping) and numbers.get(name) == other.document[section][name]:
+        if isinstance(numbers, Mapping) and numbers.get(name) == other.document[section].get(name):
             yield key
 
 

@@ -95,7 +95,9 @@ def axle_steer(vehicle: Vehicle) -> tuple[float, float]:
     """Steer of front and rear axle by their tables per lateral acceleration (rad per m/s²).
 
     Positive into the curve: by toe over compression, as the body rolls, and over the side force of
-    each wheel. Slopes are those at rest; tyres share the axle's force alike.
+    each wheel, and at the front by the steering, which gives way to the force behind the kingpin
+    (Gillespie, Fundamentals of Vehicle Dynamics, chapter 6: W_f (r ν + p) / K, with r ν the caster
+    trail and p the pneumatic one). Slopes are those at rest; tyres share the axle's force alike.
 
     Raises:
         CanrollError: as for :func:`suspension_roll_stiffness`.
@@ -107,6 +109,10 @@ def axle_steer(vehicle: Vehicle) -> tuple[float, float]:
         + axle.curves.change("toe_by_force") * 0.5 * axle.share * vehicle.total_mass
         for axle, tilt in zip(both, tilts, strict=True)
     )
+    system = both[0].tables.steering_system
+    if system is not None:
+        trail = system.caster_trail + both[0].tyre.pneumatic_trail(both[0].wheel_load)
+        front -= trail * both[0].share * vehicle.total_mass / system.torsional_stiffness
     return front, rear
 
 

@@ -67,11 +67,32 @@ def check(log: Log, model: Model) -> None:
     # before the excitation, which a slip may hide
     if named := slips(log, model):
         raise CanrollError(f"{log.name}: {'; '.join(named)}")
+    check_steering(log, model)
     lateral = np.std(_signals(model)["lateral_acceleration"])
     if lateral < LEAST_ACCELERATION:
         raise CanrollError(
             f"{log.name}: no excitation: lateral acceleration of {lateral:.2g} m/s² RMS "
             f"tells nothing of the car; {LEAST_ACCELERATION:g} are needed: steer, or choose "
+            "another part by --from and --to"
+        )
+
+
+def check_steering(log: Log, model: Model) -> None:
+    """Check that a car with a table of its steering has it wherever the log steers.
+
+    Raises:
+        CanrollError: the log steers beyond the table.
+    """
+    tables = model.vehicle.axles
+    if tables is None or tables.front.steering is None:
+        return
+    right, left = tables.front.steering.x[0], tables.front.steering.x[-1]
+    angles = np.concatenate([piece.steering for piece in model.pieces])
+    if angles.min() < right or angles.max() > left:
+        raise CanrollError(
+            f"{log.name}: the steering wheel is turned from {degrees(angles.min()):.0f} to "
+            f"{degrees(angles.max()):.0f}°, but axles.front.steering of {model.vehicle.name} has "
+            f"{degrees(right):.0f} to {degrees(left):.0f}°: give more of the table, or choose "
             "another part by --from and --to"
         )
 

@@ -11,7 +11,7 @@ from scipy.signal import butter, sosfiltfilt
 from canroll.errors import CanrollError, VerdictError
 from canroll.identification import replay
 from canroll.identification.drive_log import OUTPUTS, QUANTITIES, Log
-from canroll.identification.log_checks import LEAST_ACCELERATION, slips
+from canroll.identification.log_checks import LEAST_ACCELERATION, check_steering, slips
 from canroll.identification.output_error import Model
 from canroll.identification.pieces import SAMPLE, Piece, Window, pieces
 from canroll.typing import Vector
@@ -90,6 +90,7 @@ def replayed(
     parts, remarks = pieces(log, window)
     model = Model(vehicle, parts, imu, window, ())
     _excited(log, model)
+    check_steering(log, model)
     stretches = []
     for part in parts:
         record = replay.motion(vehicle, part, measurement.steering_offset)

@@ -7,7 +7,8 @@ covers, whose half-axes are the tolerances of both axes and whose centre moves a
 
 Both cars are steered alike, so that they drive circles of different radius. Plotted are steering
 and sideslip beyond those of the geometry, i l r/v and l_r r/v, which depend on the lateral
-acceleration alone. That is v r, horizontal whatever the axes of the inertial unit.
+acceleration alone. That is v r, horizontal whatever the axes of the inertial unit. A steering with
+a table is shown as one of its ratio on centre that turns the road wheels alike.
 """
 
 from collections.abc import Mapping
@@ -21,7 +22,8 @@ from canroll.typing import Vector
 from canroll.validation.criterion import Criterion, Judged, ToleranceBand
 from canroll.validation.replayed import Drive
 from canroll.validation.tolerances import FACTORS, Tolerance
-from vehicles import GRAVITY
+from vehicles import GRAVITY, Vehicle
+from vehicles.axles import road_wheel_curve, road_wheels
 
 SETTLING = 3.0
 """First part of a stretch (s) in which the simulated car, which begins straight, gets there."""
@@ -90,11 +92,20 @@ def _states(drive: Drive, *, simulated: bool) -> _States:
     car, speed, yaw_rate = drive.vehicle, joined.pop("speed"), joined.pop("yaw_rate")
     curvature = yaw_rate / speed
     joined["steering"] = (
-        joined["steering"] - car.steering.ratio * car.geometry.wheelbase * curvature
+        _by_ratio_on_centre(car, joined["steering"])
+        - car.steering.ratio * car.geometry.wheelbase * curvature
     )
     if "sideslip" in joined:
         joined["sideslip"] = joined["sideslip"] - car.geometry.cg_to_rear_axle * curvature
     return _States(speed * yaw_rate, joined)
+
+
+def _by_ratio_on_centre(car: Vehicle, angles: Vector) -> Vector:
+    """Return the angles of a steering wheel of constant ratio that turn the road wheels alike."""
+    if road_wheel_curve(car) is None:
+        return angles
+    ratio = car.steering.ratio
+    return np.array([ratio * road_wheels(car, float(angle) / ratio) for angle in angles])
 
 
 def _gradients(drive: Drive, measured: _States, simulated: _States) -> list[Criterion]:

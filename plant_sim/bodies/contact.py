@@ -4,7 +4,8 @@ A wheel touches the road at its lowest line. The lateral slip is taken there, wi
 length; so are the forces on the axle. Spin and slip refer to one effective rolling radius. A
 spinning wheel is a gyrostat on its axle, with drive and brake torque between the two.
 
-Tables of toe turn a wheel as steering does. Tables of camber incline it about its contact patch,
+Tables of toe turn a wheel as steering does, and the steering gives way to the moments about both
+kingpins together. Tables of camber incline it about its contact patch,
 for its tyre alone: where the patch is follows from the roll centre. Camber over compression is to
 the body; without it a wheel leans as its axle does. Toe and camber do no work by themselves.
 
@@ -26,6 +27,7 @@ from plant_sim.bodies.held import (
     DRIVE,
     STEER_COS,
     STEER_SIN,
+    STEERED,
 )
 from plant_sim.bodies.kinematics import (
     COS,
@@ -220,11 +222,21 @@ def _angle(kind: int, wheel: int, travels: Vector, car: Car, scratch: Vector) ->
 
 
 @inlined
+def _given_way(car: Car, scratch: Vector) -> float:
+    """Turn (rad) of both front wheels to the left under the moments about their kingpins."""
+    moments = scratch[ALIGNING] + scratch[ALIGNING + 1]
+    moments -= car.caster_trail * (scratch[ASIDE] + scratch[ASIDE + 1])
+    turn: float = car.steering_compliance * moments
+    return turn
+
+
+@inlined
 def _steer(travels: Vector, held: Vector, car: Car, scratch: Vector) -> None:
-    """Turn the wheels by their toe."""
+    """Turn the wheels by their toe and by what the steering gives way."""
     for wheel in range(4):
-        steer = held[ports.STEER] if wheel < 2 else 0.0
-        steer += _angle(curves.TOE, wheel, travels, car, scratch)
+        steer = held[STEERED + wheel] + _angle(curves.TOE, wheel, travels, car, scratch)
+        if wheel < 2:
+            steer += _given_way(car, scratch)
         held[STEER_COS + wheel], held[STEER_SIN + wheel] = cos(steer), sin(steer)
 
 

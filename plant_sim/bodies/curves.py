@@ -1,9 +1,10 @@
-"""Springs, dampers and stops of the 14-DOF car, by numbers or by tables; toe and camber by tables.
+"""Springs, dampers and stops of the 14-DOF car by numbers or tables; toe, camber, steer by tables.
 
 The car's record has the points of all curves of both axles, and where the curve of each purpose
 is. Curves are those of a wheel over its compression from rest; see
 :mod:`vehicles.suspensions.wheel`. A spring's and a damper's is scaled to the vehicle's number,
-which is that of the curve unless it was changed, as in a population.
+which is that of the curve unless it was changed, as in a population. The steering's is over the
+plants' steer.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,16 +14,17 @@ from canroll.errors import CanrollError
 from canroll.typing import Vector
 from plant_sim.kernels.jit import inlined, njit
 from vehicles import Vehicle
-from vehicles.axles import Axle, rebound_ratio
+from vehicles.axles import Axle, rebound_ratio, road_wheel_curve
 from vehicles.suspensions import tables
 from vehicles.suspensions.curve import Curve
 from vehicles.suspensions.wheel import WheelCurves
 
 PURPOSES = ("spring", "stops", "damper", "damper_ratio", *tables.TOE, *tables.CAMBER)
 """Curves of an axle by their names in :class:`vehicles.suspensions.wheel.WheelCurves`."""
-N_CURVES = len(PURPOSES)
 SPRING, STOPS, DAMPER, DAMPER_RATIO, TOE = range(5)
 CAMBER = TOE + len(tables.TOE)
+STEERING = CAMBER + len(tables.CAMBER)
+N_CURVES = STEERING + 1
 COMPLIANT = 3.0
 """Times that an evaluation determines the attitude of the wheels and their forces in turn."""
 POINTS = 1600
@@ -101,6 +103,15 @@ def angle(  # noqa: PLR0917
     return total
 
 
+@inlined
+def road_wheel(axle: Any, points: Vector, steer: float, side: float) -> float:  # noqa: ANN401
+    """Angle (rad) of a wheel by the steering alone; ``side`` is 1 on the left, -1 on the right."""
+    angle = steer
+    if axle.rows[STEERING] > 0.0:
+        angle = side * lookup(points, axle.first[STEERING], axle.rows[STEERING], side * steer)
+    return angle
+
+
 def fill(car: Any, axles: Sequence[Axle], vehicle: Vehicle) -> None:  # noqa: ANN401
     """Fill the record of a car with the curves of its axles.
 
@@ -110,7 +121,8 @@ def fill(car: Any, axles: Sequence[Axle], vehicle: Vehicle) -> None:  # noqa: AN
     used, ratio = 0, vehicle.suspension.rebound_bump_ratio / rebound_ratio(axles)
     for k, axle in enumerate(axles):
         record = car["axle"][k]
-        for number, curve in enumerate(_curves(axle, ratio)):
+        steering = road_wheel_curve(vehicle) if k == 0 else None
+        for number, curve in enumerate((*_curves(axle, ratio), steering)):
             if curve is None:
                 continue
             rows = len(curve.x)
@@ -123,9 +135,14 @@ def fill(car: Any, axles: Sequence[Axle], vehicle: Vehicle) -> None:  # noqa: AN
             car["points"][2 * used : 2 * (used + rows) : 2] = curve.x
             car["points"][2 * used + 1 : 2 * (used + rows) : 2] = curve.y
             used += rows
+    system = axles[0].tables.steering_system
+    if system is not None:
+        car["steering_compliance"] = 1.0 / system.torsional_stiffness
+        car["caster_trail"] = system.caster_trail
     lengths = car["axle"]["rows"]
     compliant = lengths[:, [TOE + 1, TOE + 2, CAMBER + 1, CAMBER + 2]].any()
-    car["attitudes"] = COMPLIANT if compliant else float(lengths[:, TOE:].any())
+    moving = float(lengths[:, TOE:STEERING].any())
+    car["attitudes"] = COMPLIANT if compliant or system is not None else moving
 
 
 def _curves(axle: Axle, ratio: float) -> Iterator[Curve | None]:

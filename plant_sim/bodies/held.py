@@ -3,7 +3,7 @@
 from math import cos, sin
 
 from canroll.typing import Vector
-from plant_sim.bodies import ports
+from plant_sim.bodies import curves, ports
 from plant_sim.bodies.parameters import Car
 from plant_sim.kernels.jit import inlined
 from vehicles import GRAVITY
@@ -12,10 +12,10 @@ from vehicles import GRAVITY
 # yaw rate about its own x and y.
 UP = ports.N_INPUTS
 TURN = UP + 3
-# Slots of four wheels: cosine and sine of the steering angle, drive force (N). Toe by tables turns
-# the wheels in each evaluation.
-STEER_COS, STEER_SIN, DRIVE = range(TURN + 2, TURN + 14, 4)
-N_HELD = TURN + 14
+# Slots of four wheels: angle by the steering alone, its cosine and sine, drive force (N). Toe by
+# tables and what the steering gives way turn the wheels in each evaluation.
+STEERED, STEER_COS, STEER_SIN, DRIVE = range(TURN + 2, TURN + 18, 4)
+N_HELD = TURN + 18
 
 
 @inlined
@@ -29,9 +29,12 @@ def hold(inputs: Vector, car: Car, held: Vector) -> None:
     # bank and grade are held relative to the car: the frame turns about the vertical
     held[TURN], held[TURN + 1] = held[UP] / held[UP + 2], held[UP + 1] / held[UP + 2]
     drive_per_load = inputs[ports.DRIVE_FORCE] / (car.mass * GRAVITY)
-    c_steer, s_steer = cos(inputs[ports.STEER]), sin(inputs[ports.STEER])
     for wheel in range(4):
-        held[STEER_COS + wheel] = c_steer if wheel < 2 else 1.0
-        held[STEER_SIN + wheel] = s_steer if wheel < 2 else 0.0
+        angle = 0.0
+        if wheel < 2:
+            side = 1.0 - 2.0 * wheel
+            angle = curves.road_wheel(car.axle[0], car.points, inputs[ports.STEER], side)
+        held[STEERED + wheel] = angle
+        held[STEER_COS + wheel], held[STEER_SIN + wheel] = cos(angle), sin(angle)
         # traction is shared by static load
         held[DRIVE + wheel] = drive_per_load * car.load[wheel]

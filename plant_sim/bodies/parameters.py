@@ -52,6 +52,7 @@ CAR = np.dtype(
     [
         *_numbers("mass", "sprung_mass", "offset", "arm", "axis_height"),
         *_numbers("roll_inertia", "pitch_inertia", "yaw_inertia", "attitudes"),
+        *_numbers("steering_compliance", "caster_trail"),
         ("axle", AXLE, (2,)),
         *((name, "f8", (4,)) for name in WHEEL),
         ("points", "f8", (2 * curves.POINTS,)),
@@ -60,6 +61,7 @@ CAR = np.dtype(
 """The car: inertias of the sprung body about its own CG, ``offset`` of this ahead of the car's.
 
 ``attitudes`` is how often an evaluation determines toe and camber of the wheels: 0 without tables.
+``steering_compliance`` is the turn of both front wheels per moment about their kingpins.
 """
 
 car_of = record_of(CAR)

@@ -20,7 +20,8 @@ from vehicles import Vehicle
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 
 # What drives a body. A slot for four wheels names the first of four consecutive ones.
-STEER = 0  # road-wheel angle of the front axle, > 0 left (rad)
+STEER = 0  # steering-wheel angle over the ratio on centre, > 0 left (rad): of the road wheels
+# without a table of the steering
 DRIVE_FORCE = 1  # sum of traction at the driven wheels, < 0 brakes evenly (N)
 BRAKE_FORCE = 2  # braking force demanded at each wheel, >= 0 (N), 4
 CORNER_FORCE = 6  # actuator force on the body at each corner, upwards, reaction on the wheel (N), 4
@@ -182,11 +183,17 @@ class Body:
     def left_out(self, vehicle: Vehicle) -> Iterator[str]:
         """What the vehicle's file has and this body lacks, one line each."""
         linear = not self.friction and self.outside is None
-        if linear and vehicle.axles is not None and vehicle.axles.moves_wheels:
-            yield (
-                f"{vehicle.name}: toe and camber of its tables have no effect on {self.name}: "
-                "use --plant nonlinear"
-            )
+        if not linear or vehicle.axles is None:
+            return
+        front = vehicle.axles.front
+        lost = {
+            "toe and camber of its tables have": vehicle.axles.has_attitudes,
+            "the table of its steering, beyond the ratio on centre, has": front.steering,
+            "what its steering gives way has": front.steering_system,
+        }
+        for what, given in lost.items():
+            if given:
+                yield f"{vehicle.name}: {what} no effect on {self.name}: use --plant nonlinear"
 
 
 def initial_inputs() -> Vector:

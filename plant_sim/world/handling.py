@@ -20,6 +20,7 @@ from plant_sim.driving.maneuvers import Maneuver, build
 from plant_sim.kernels.instants import STEP_NS
 from plant_sim.world import open_loop
 from vehicles import GRAVITY, Vehicle
+from vehicles.axles import road_wheels
 
 SETTLED = 1000
 """How many of the last milliseconds of a steady run are averaged."""
@@ -110,7 +111,8 @@ def constant_radius(vehicle: Vehicle, drive: Drive, *, radius: float = 100.0) ->
     lateral = np.array([state.lateral_acceleration for state in linear])
     # What steering is left once the curvature really driven has had its share.
     beyond = [
-        state.steer - vehicle.geometry.wheelbase * state.lateral_acceleration / state.speed**2
+        road_wheels(vehicle, state.steer)
+        - vehicle.geometry.wheelbase * state.lateral_acceleration / state.speed**2
         for state in linear
     ]
     roll = [state.roll for state in linear]

@@ -13,6 +13,12 @@ DAMPER = "compression_speed [m/s], force [N]\n-1, -2000\n0, 0\n1, 1000\n"
 BAR = "bar = {torsional_stiffness = 800.0, lever = 0.2, ratio = 0.6}\n"
 
 
+STEERING = """steering = {"steering_wheel [deg]" = [-700, -90, 0, 90, 700], \
+"road_wheel [deg]" = [-36, -5, 0, 5.5, 40]}
+steering_system = {torsional_stiffness = 2e4, caster_trail = 0.02}
+"""
+
+
 @pytest.fixture
 def load(tmp_path):
     (tmp_path / "spring.csv").write_text(SPRING)
@@ -49,6 +55,32 @@ def test_numbers_follow_from_tables(load):
     assert car.design == car.plant
     assert car.source("axles.front") == "spring.csv, damper.csv, kc.csv"
     assert car.source("suspension.spring_rate_front") == "follows from axles.front.spring"
+
+
+def test_the_ratio_on_centre_follows_from_the_table_of_the_steering(load):
+    car = load(STEERING)
+    # the mean of both sides: of both wheels, as the right one is the left one's mirror image
+    assert car.steering.ratio == pytest.approx(90 / 5.25)
+    assert car.source("steering.ratio") == "follows from axles.front.steering"
+    assert "ratio" not in car.document["steering"]
+    again = vehicles.from_table(car.document, name="again")
+    assert again.fingerprint == car.fingerprint and again.steering == car.steering
+    assert again.axles == car.axles and again.understeer == car.understeer
+    stiffer = car.replace({"axles.front.steering_system.torsional_stiffness": 1e9})
+    base = vehicles.load("sedan_320i")
+    assert stiffer.understeer == pytest.approx(base.understeer, abs=1e-7)
+    assert car.understeer > base.understeer + 5e-4
+    # the road wheels' part of the steering is the linear car's, whatever the ratio
+    assert stiffer.lateral_gain(20.0) == pytest.approx(base.lateral_gain(20.0), rel=1e-4)
+
+
+def test_a_car_based_on_one_with_an_unusual_steering_means_it(load, tmp_path):
+    slow = STEERING.replace("-5, 0, 5.5", "-2, 0, 2")
+    with pytest.raises(CanrollError, match=r"steering.ratio = 45 is implausible"):
+        load(slow, more="steering.angle_limit = 0.25")
+    load(slow, more='unusual = ["steering.ratio"]\nsteering.angle_limit = 0.25', name="slow")
+    heavier = {"base": str(tmp_path / "slow.toml"), "plant": {"sprung_mass": 1000.0}}
+    assert vehicles.load(heavier).steering.ratio == pytest.approx(45.0)
 
 
 def test_the_document_stands_alone(load):
@@ -102,6 +134,12 @@ def test_a_heavier_and_an_empty_car_stand_elsewhere_on_their_springs(load):
             "geometry.roll_centre_height_front = 0.1",
             "roll_centre_height_front follows from axles.front.kinematics",
         ),
+        (STEERING, "steering.ratio = 16.0", "steering.ratio follows from axles.front.steering"),
+        (
+            STEERING,
+            "steering.angle_limit = 0.8",
+            r"steering ends at 700° .* 0.8 is 786°, .* 17.14: .* lower the limit to 0.7127",
+        ),
         (
             'spring = {"compression [m]" = [0.0, 0.1], "force [N]" = [0.0, 500.0]}',
             "",
@@ -116,6 +154,8 @@ def test_what_contradicts_the_tables_is_refused_in_one_line(load, front, more, m
 
 
 def test_what_follows_cannot_be_changed(load):
+    with pytest.raises(CanrollError, match=r"steering.ratio follows from axles.front.steering"):
+        load(STEERING).replace({"steering.ratio": 15.0})
     car = load()
     with pytest.raises(CanrollError, match=r"spring_rate_front follows from axles.front.spring"):
         car.replace({"suspension.spring_rate_front": 2e4})

@@ -5,10 +5,13 @@ where the vehicle of the file stands at rest, unless the spring's ``installed`` 
 Toe is positive inwards, camber with the top outwards, ``side`` the way of the contact patch
 outwards. The road's side force counts towards the middle of the car, as on the outer wheel of a
 curve; its aligning moment counts towards toe-in. Forces of springs and dampers resist compression.
+Angles of the steering are those of the left wheel, positive to the left; the right wheel is its
+mirror image.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
+from math import degrees
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -52,11 +55,18 @@ KINDS = {
         {"toe": "toe_by_moment", "camber": "camber_by_moment"},
         {"aligning_moment": "N·m", "toe": "rad", "camber": "rad"},
     ),
+    "steering": TableKind(
+        "steering_wheel",
+        {"road_wheel": "steering"},
+        {"steering_wheel": "rad", "road_wheel": "rad"},
+    ),
 }
 """Tables of an axle by their keys."""
 TOE = ("toe", "toe_by_force", "toe_by_moment")
 CAMBER = ("camber", "camber_by_force", "camber_by_moment")
 """Curves whose sum is the toe or the camber of a wheel."""
+OF_FRONT = ("steering", "steering_system")
+"""Keys that only the axle that is steered has."""
 INSTALLED = "installed"
 """Key of the spring's compression (m) at compression 0 of the wheel."""
 RANGES = {
@@ -70,8 +80,12 @@ RANGES = {
     "aligning_moment": (1e4, "is it in N·m?"),
     "spring_ratio": (3.0, "it is the spring's way over that of the wheel"),
     "damper_ratio": (3.0, "it is the damper's way over that of the wheel"),
+    "steering_wheel": (30.0, "is it in degrees? Write steering_wheel [deg]"),
+    "road_wheel": (1.2, "is it in degrees? Write road_wheel [deg]"),
 }
 """Largest number of a column in SI units, and what may be wrong beyond it."""
+LONGEST_TRAIL = 0.5
+"""Most caster trail (m) of a road vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +103,22 @@ class Bar:
     def stiffness(self) -> float:
         """Force on a wheel (N) per difference of the wheels' compressions (m)."""
         return self.torsional_stiffness * (self.ratio / self.lever) ** 2
+
+
+@dataclass(frozen=True, slots=True)
+class SteeringSystem:
+    """What the steering gives way to with its wheel held; both road wheels turn alike.
+
+    Torsional stiffness (N·m/rad) is the moment about the kingpins of both wheels over their turn,
+    ``caster_trail`` (m) the way of the contact patch behind the kingpin.
+    """
+
+    torsional_stiffness: float
+    caster_trail: float
+
+
+RECORDS: dict[str, type[Any]] = {"bar": Bar, "steering_system": SteeringSystem}
+"""Numbers of an axle that are no tables, by their keys."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,11 +140,13 @@ class AxleTables:
     camber_by_force: Curve | None = None
     toe_by_moment: Curve | None = None
     camber_by_moment: Curve | None = None
+    steering: Curve | None = None
     bar: Bar | None = None
+    steering_system: SteeringSystem | None = None
     installed: float | None = None
 
     @property
-    def moves_wheels(self) -> bool:
+    def has_attitudes(self) -> bool:
         """Whether toe or camber has a table."""
         return any(getattr(self, name) is not None for name in (*TOE, *CAMBER))
 
@@ -128,8 +160,10 @@ class AxleTables:
                 if curve is not None:
                     part = table.setdefault(key, {_head(kind, kind.x): list(curve.x)})
                     part[_head(kind, column)] = list(curve.y)
-        if self.bar is not None:
-            table["bar"] = {each.name: getattr(self.bar, each.name) for each in fields(Bar)}
+        for key, kind_of in RECORDS.items():
+            record = getattr(self, key)
+            if record is not None:
+                table[key] = {each.name: getattr(record, each.name) for each in fields(kind_of)}
         if self.installed is not None:
             table[INSTALLED] = self.installed
         return table
@@ -149,9 +183,14 @@ class VehicleTables:
         return {name: table for name, table in both.items() if table}
 
     @property
-    def moves_wheels(self) -> bool:
+    def has_attitudes(self) -> bool:
         """Whether an axle has a table of toe or camber."""
-        return any(axle.moves_wheels for axle in self.both)
+        return any(axle.has_attitudes for axle in self.both)
+
+    @property
+    def moves_wheels(self) -> bool:
+        """Whether wheels turn or lean beside the driver's steering."""
+        return self.has_attitudes or self.front.steering_system is not None
 
     @property
     def both(self) -> tuple[AxleTables, AxleTables]:
@@ -201,13 +240,15 @@ def files_of(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 def _axle(given: Any, place: str, folder: Path | None) -> AxleTables:  # noqa: ANN401
     if not isinstance(given, Mapping):
         raise CanrollError(f"{place} must be a table")
-    known = (*KINDS, "bar", INSTALLED)
+    known = (*KINDS, *RECORDS, INSTALLED)
     curves: dict[str, Any] = {}
     for key, value in given.items():
         if key not in known:
             raise CanrollError(f"{place}: {UnknownNameError('key', key, known)}")
-        if key == "bar":
-            curves["bar"] = _bar(value, f"{place}.bar")
+        if key in OF_FRONT and not place.endswith("front"):
+            raise CanrollError(f"{place}.{key}: only the front axle is steered: remove it")
+        if key in RECORDS:
+            curves[key] = _record(key, value, f"{place}.{key}")
         elif key == INSTALLED:
             curves[INSTALLED] = _number(value, f"{place}.{INSTALLED}")
         else:
@@ -254,6 +295,8 @@ def _curves(kind: TableKind, columns: Columns) -> dict[str, Curve]:
         if column in columns.values
     }
     _check_forces(curves, columns)
+    if "steering" in curves:
+        _check_steering(curves["steering"], columns)
     return curves
 
 
@@ -286,14 +329,36 @@ def _check_forces(curves: Mapping[str, Curve], columns: Columns) -> None:
             )
 
 
-def _bar(value: Any, place: str) -> Bar:  # noqa: ANN401
-    names = tuple(each.name for each in fields(Bar))
+def _check_steering(steering: Curve, columns: Columns) -> None:
+    if not steering.x[0] < 0.0 < steering.x[-1]:
+        raise CanrollError(f"{columns.place}: steering_wheel must cover left (> 0) and right (< 0)")
+    angle = steering.y
+    if not rises(angle):
+        row = next(row for row in range(1, len(angle)) if not angle[row] > angle[row - 1])
+        raise CanrollError(f"{columns.at(row)}: road_wheel must increase with steering_wheel")
+    if abs(steering(0.0)) > 1e-9 * (angle[-1] - angle[0]):
+        raise CanrollError(
+            f"{columns.place}: road_wheel {degrees(steering(0.0)):g}° with the steering wheel "
+            "straight: subtract it, as toe of kinematics, and give the row 0, 0"
+        )
+
+
+def _record(key: str, value: Any, place: str) -> Bar | SteeringSystem:  # noqa: ANN401
+    kind = RECORDS[key]
+    names = tuple(each.name for each in fields(kind))
     if not isinstance(value, Mapping) or set(value) != set(names):
         raise CanrollError(f"{place} must be a table of {', '.join(names)}")
-    bar = Bar(**{name: _number(value[name], f"{place}.{name}") for name in names})
-    if not (bar.torsional_stiffness >= 0.0 and bar.lever > 0.0 and bar.ratio > 0.0):
+    record: Bar | SteeringSystem = kind(
+        **{name: _number(value[name], f"{place}.{name}") for name in names}
+    )
+    if isinstance(record, SteeringSystem):
+        if not record.torsional_stiffness > 0.0:
+            raise CanrollError(f"{place}: the stiffness must be positive")
+        if abs(record.caster_trail) > LONGEST_TRAIL:
+            raise CanrollError(f"{place}.caster_trail = {record.caster_trail:g}: is it in mm?")
+    elif not (record.torsional_stiffness >= 0.0 and record.lever > 0.0 and record.ratio > 0.0):
         raise CanrollError(f"{place}: lever and ratio must be positive, the stiffness at least 0")
-    return bar
+    return record
 
 
 def _number(value: Any, place: str) -> float:  # noqa: ANN401

@@ -88,6 +88,11 @@ class TyreModel(ABC):
         force = self.forces(load, 0.0, slip_angle, 0.0, friction)[1]
         return force, (more - less) / (2.0 * STEP)
 
+    def pneumatic_trail(self, load: float) -> float:
+        """Way (m) of the lateral force of a small slip angle behind the middle of the contact."""
+        more, less = (self.forces(load, 0.0, slip, 0.0) for slip in (STEP, -STEP))
+        return (less[2] - more[2]) / (more[1] - less[1])
+
     def grip(self, load: float, friction: float) -> float:
         """Largest lateral force (N) of a freely rolling tyre: its curve has one peak."""
         low, high, force = 0.0, MOST_SLIP, 0.0

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+import vehicles
 from canroll.errors import CanrollError
 from canroll.identification.drive_log import read
 from canroll.identification.log_checks import check
@@ -75,3 +76,27 @@ def test_signals_of_two_drives_are_refused(tmp_path):
     noise = np.random.default_rng(1).standard_normal(case().columns["time"].size)
     with pytest.raises(CanrollError, match="not of one drive"):
         checked(tmp_path, lateral_acceleration=noise)
+
+
+def test_a_log_that_steers_beyond_the_table_of_the_steering(tmp_path):
+    truth = case(CARS[1])
+    angle = np.degrees(np.abs(truth.columns["steering_wheel_rad"]).max())
+    path = tmp_path / "drive.csv"
+    fit_truth.Truth(truth.start, {}, truth.columns).write(path)
+    log = read(str(path), {})
+    parts, _ = pieces(log, EVERYTHING)
+    for reach, wide in ((0.5, False), (2.0, True)):
+        wheel = [-reach * angle, reach * angle]
+        table = {"steering_wheel [deg]": wheel, "road_wheel [deg]": [w / RATIO for w in wheel]}
+        document = truth.start.document
+        del document["steering"]["ratio"]
+        document["steering"]["angle_limit"] = 0.1 * reach * angle / 57.3 / RATIO
+        document["sources"]["axles"] = "a rig"
+        start = vehicles.from_table(document | {"axles": {"front": {"steering": table}}}, name="c")
+        model = Model(start, parts, "body", EVERYTHING, unknowns(start, parts[0].names))
+        if wide:
+            check(log, model)
+        else:
+            with pytest.raises(CanrollError, match=r"but axles.front.steering of c has") as caught:
+                check(log, model)
+            assert "\n" not in str(caught.value)

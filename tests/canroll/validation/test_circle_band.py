@@ -47,6 +47,20 @@ def test_measured_gradients_are_those_of_the_log(side):
         assert figure.tolerance == np.inf
 
 
+def test_of_a_steering_with_a_table_the_road_wheels_make_the_gradient():
+    lateral = 0.15 * time_of(45.0)
+    columns, car = circle(lateral), vehicles.load("van_real")
+    # a rack that is quicker beyond 30 degrees of the steering wheel
+    wheel, road = np.array([-12.0, -0.5, 0.5, 12.0]), np.array([-1.0, -0.028, 0.028, 1.0])
+    columns["steering"] = np.interp(columns["steering"] / car.steering.ratio, road, wheel)
+    table = {"steering_wheel [rad]": wheel.tolist(), "road_wheel [rad]": road.tolist()}
+    given = {"base": "van_real", "title": "quick", "axles": {"front": {"steering": table}}}
+    drive = replayed(log_of(columns), vehicles.load(given), EVERYTHING, "body", NONE)
+    figures = {one.label: one for one in judge(drive, TOLERANCES).criteria}
+    figure = figures["understeer gradient"]
+    assert figure.measured == pytest.approx(np.degrees(K_STEER) * GRAVITY, rel=2e-3)
+
+
 def test_gradients_of_a_simulated_car_are_those_of_a_driven_circle():
     """ISO 4138 with a driver on a radius of 100 m, up to 3 m/s²."""
     car = vehicles.load("van_real")

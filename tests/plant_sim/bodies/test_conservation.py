@@ -66,24 +66,29 @@ SLOPING = BUMPY | {ports.BANK: some(-0.5, 0.5), ports.GRADE: some(-0.2, 0.2)}
 PRESETS = st.sampled_from(vehicles.names()).map(vehicles.load)
 TOE = (0.01, 0.4), (-0.02, -0.3)
 """Toe of front and rear wheels at rest (rad), and per compression (rad/m)."""
+LEFT = {"steering_wheel [rad]": [-12, -2, 0, 2, 12], "road_wheel [rad]": [-0.6, -0.11, 0, 0.12, 1]}
+"""Angle of the left front wheel over that of the steering wheel."""
 TURNING = st.just(
     vehicles.load(
         {
             "base": "van_real",
             "title": "toe by tables",
             "axles": {
-                axle: {
+                axle: more
+                | {
                     "kinematics": {
                         "compression [m]": [-0.1, 0.1],
                         "toe [rad]": [rest - 0.1 * slope, rest + 0.1 * slope],
                     }
                 }
-                for axle, (rest, slope) in zip(("front", "rear"), TOE, strict=True)
+                for axle, (rest, slope), more in zip(
+                    ("front", "rear"), TOE, ({"steering": LEFT}, {}), strict=True
+                )
             },
         }
     )
 )
-"""A car whose wheels turn as they travel."""
+"""A car whose wheels turn as they travel, and not alike nor in proportion to the steering."""
 
 
 def filled(size, values):
@@ -93,14 +98,16 @@ def filled(size, values):
     return vector
 
 
-def turned(vehicle, state):
-    """What the wheels turn to the left by toe, which is inwards."""
+def turned(vehicle, state, steer):
+    """What the wheels turn to the left beside the steering: by its table, and by toe, inwards."""
     if vehicle.axles is None:
         return np.zeros(4)
     (front, front_slope), (rear, rear_slope) = TOE
     toe = np.array([front, front, rear, rear])
     toe -= np.array([front_slope, front_slope, rear_slope, rear_slope]) * state[12:16]
-    return toe * [-1, 1, -1, 1]
+    wheel = vehicle.steering.ratio * np.array([steer, -steer])
+    left, right = np.interp(wheel, *LEFT.values()) * [1, -1] - steer
+    return toe * [-1, 1, -1, 1] + [left, right, 0, 0]
 
 
 def balances(inputs, cars):
@@ -108,7 +115,8 @@ def balances(inputs, cars):
 
     def balance(vehicle, state, given):
         state = filled(car.N_STATES, state)
-        return Balance(vehicle, state, filled(ports.N_INPUTS, given), turned(vehicle, state))
+        wheels = turned(vehicle, state, given[ports.STEER])
+        return Balance(vehicle, state, filled(ports.N_INPUTS, given), wheels)
 
     return st.builds(
         balance,
@@ -123,7 +131,7 @@ def on_every_road(test):
     cases = pytest.mark.parametrize(
         ("inputs", "cars"),
         [(FLAT, PRESETS), (BUMPY, PRESETS), (SLOPING, PRESETS), (SLOPING, TURNING)],
-        ids=["flat", "bumpy", "banked and graded", "toe by tables"],
+        ids=["flat", "bumpy", "banked and graded", "toe and steering by tables"],
     )
 
     @settings(max_examples=60, deadline=None)

@@ -5,6 +5,8 @@ import pytest
 from canroll.errors import CanrollError
 from vehicles.suspensions.tables import section
 
+STEER = "steering_wheel [deg], road_wheel [deg]\n"
+
 
 @pytest.fixture
 def read(tmp_path):
@@ -66,6 +68,19 @@ def test_the_document_of_tables_is_read_back(read):
             "line 3: .*must be positive",
         ),
         ("kinematics", "compression [mm], spring_ratio\n0, 1\n9, 1\n", "needs a table spring"),
+        (
+            "steering",
+            "steering_wheel [deg], road_wheel [deg]\n-90, -5\n0, 0\n90, 6\n180, 5.9\n",
+            "line 5: road_wheel must increase with steering_wheel",
+        ),
+        (
+            "steering",
+            f"{STEER}-90, -4\n90, 5\n",
+            "road_wheel 0.5° with the steering wheel straight",
+        ),
+        ("steering", f"{STEER}0, 0\n90, 5\n", "must cover left .* and right"),
+        ("steering", f"{STEER}-90, -50\n90, 80\n", "line 3: road_wheel = 1.39626: is it in deg"),
+        ("steering", "steering_wheel [rad], road_wheel [rad]\n-90, -.5\n90, .5\n", "in degrees"),
     ],
 )
 def test_refused_in_one_line_with_file_and_line(read, key, content, message):
@@ -91,6 +106,17 @@ def test_refused_in_one_line_with_file_and_line(read, key, content, message):
             "lever and ratio must be positive",
         ),
         ({"front": {"installed": 0.1}}, "installed needs a table spring"),
+        ({"rear": {"steering": {}}}, "rear.steering: only the front axle is steered: remove it"),
+        ({"rear": {"steering_system": {}}}, "rear.steering_system: only the front axle"),
+        ({"front": {"steering_system": {"stiffness": 1e4}}}, "torsional_stiffness, caster_trail"),
+        (
+            {"front": {"steering_system": {"torsional_stiffness": 0.0, "caster_trail": 0.0}}},
+            "the stiffness must be positive",
+        ),
+        (
+            {"front": {"steering_system": {"torsional_stiffness": 2e4, "caster_trail": 20}}},
+            "caster_trail = 20: is it in mm",
+        ),
     ],
 )
 def test_tables_in_the_vehicle_file_are_checked_alike(axles, message):
