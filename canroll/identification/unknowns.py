@@ -9,7 +9,7 @@ from math import log as natural
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.identification.drive_log import QUANTITIES
 from vehicles import Vehicle
-from vehicles.axle_files import check_change, following
+from vehicles.axle_files import following
 from vehicles.draws import numbers as vehicle_numbers
 from vehicles.draws.fitted_cars import is_positive
 from vehicles.fit_spread import value_of
@@ -122,7 +122,7 @@ def unknowns(
 ) -> tuple[Unknown, ...]:
     """Return the unknowns of a vehicle and of the log of its ``signals``.
 
-    What follows from tables of the axles or from tyre files is held: those are measured.
+    What follows from tables of the axles is held: those are measured.
     The spread of a number is that of its source, "±17 %", else the usual one of a guess. Numbers
     whose source begins with a word of :data:`KNOWN` are held.
 
@@ -134,15 +134,17 @@ def unknowns(
 
     Raises:
         UnknownNameError: a key that cannot be fitted.
-        CanrollError: a key to fit follows from tables or tyre files, a key is free and held, or
-            nothing is left.
+        CanrollError: a key to fit follows from tables, a key is free and held, or nothing is left.
     """
-    of_vehicle = tuple(_of_vehicle(vehicle))
+    by_tables = {} if vehicle.axles is None else following(vehicle.axles)
+    of_vehicle = tuple(u for u in _of_vehicle(vehicle) if u.key not in by_tables)
     result = (*of_vehicle, *_of_log(signals))
     keys = [unknown.key for unknown in result]
     for key in (*free, *held):
-        if key in free:
-            check_change(vehicle, key)
+        if key in free and key in by_tables:
+            raise CanrollError(
+                f"{key} follows from {by_tables[key]}, which is measured: it is not fitted"
+            )
         if key not in keys:
             raise UnknownNameError("number that a log may tell", key, keys)
         if key in free and key in held:
@@ -155,9 +157,8 @@ def unknowns(
 
 
 def _of_vehicle(vehicle: Vehicle) -> Iterator[Unknown]:
-    by_tables = {} if vehicle.axles is None else following(vehicle.axles)
     for key, number in NUMBERS.items():
-        if key in by_tables or (key.startswith("tyre.") and vehicle.magic_formula is not None):
+        if key.startswith("tyre.") and vehicle.magic_formula is not None:
             continue
         mean, source = value_of(vehicle, key), _origin(vehicle, key)
         usual = number.absolute or number.relative * abs(mean)
