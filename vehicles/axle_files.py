@@ -15,7 +15,7 @@ from canroll.errors import CanrollError
 from vehicles import tyre_files
 from vehicles.axles import Axle, axles, rebound_ratio
 from vehicles.model import GRAVITY, RollModel, Vehicle
-from vehicles.suspensions.tables import AXLES, SECTION, VehicleTables, files_of, section
+from vehicles.suspensions.tables import AXLES, OF_FRONT, SECTION, VehicleTables, files_of, section
 from vehicles.suspensions.wheel import installed
 
 OF_BARS = ("plant.roll_stiffness", "suspension.roll_stiffness_front_share")
@@ -114,6 +114,13 @@ def merged(base: Any, given: Any) -> Any:  # noqa: ANN401
             kept.pop("installed", None)
         result[axle] = {**kept, **tables} if both else tables
     return result
+
+
+def with_steering(axles: Mapping[str, Any], of: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an ``axles`` section with what another one says of the steering, and that alone."""
+    front = {key: value for key, value in axles.get("front", {}).items() if key not in OF_FRONT}
+    front |= {key: value for key, value in of.get("front", {}).items() if key in OF_FRONT}
+    return {name: table for name, table in {**axles, "front": front}.items() if table}
 
 
 def without_following(

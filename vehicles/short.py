@@ -6,14 +6,14 @@ from typing import Any
 from canroll.errors import CanrollError
 from vehicles import axle_files, fit_spread, tyre_files
 from vehicles.model import WORDS, Vehicle
-from vehicles.suspensions.tables import SECTION
+from vehicles.suspensions.tables import OF_FRONT, SECTION
 
 GIVEN = "given by this file"
 BODY = ("roll_inertia", "sprung_mass", "cg_height_above_roll_axis")
 """Numbers of the plant that an ``empty`` body of the base would contradict."""
 
 _WITH = {"tyre": (tyre_files.SECTION,), "suspension": (SECTION,)}
-"""Sections that come with one taken from another vehicle."""
+"""Sections that come with one taken from another vehicle; the steering's tables with that."""
 
 
 def is_short(table: Mapping[str, Any]) -> bool:
@@ -68,6 +68,7 @@ def completed(
             other = read(value)
             if key not in other.document:
                 raise CanrollError(f"{where}: vehicle {value} has no section '{key}'")
+            before = dict(result)
             for section in (key, *_WITH.get(key, ())):
                 result.pop(section, None)
                 if section in other.document:
@@ -78,6 +79,10 @@ def completed(
                     if part.partition(".")[0] == section
                 }
                 result["sources"] = _without(result["sources"], section) | _of(other.name, taken)
+            if key == "steering":
+                _steer(result, other.document, _of(other.name, other.sources))
+            elif key == "suspension":
+                _steer(result, before, before["sources"])
         else:
             merge = axle_files.merged if key == SECTION else _merged
             result[key] = merge(result.get(key), value)
@@ -91,6 +96,20 @@ def completed(
         if spread is not None:
             result[fit_spread.SECTION] = spread
     return axle_files.without_following(result, own, where)
+
+
+def _steer(result: dict[str, Any], of: Mapping[str, Any], sources: Mapping[str, str]) -> None:
+    """Give a vehicle's table what the axles of another table say of the steering."""
+    axles = axle_files.with_steering(result.pop(SECTION, {}), of.get(SECTION, {}))
+    if axles:
+        result[SECTION] = axles
+    front, known = f"{SECTION}.front", result["sources"]
+    for key in OF_FRONT:
+        known.pop(f"{front}.{key}", None)
+        if key in axles.get("front", {}):
+            source = _longest(sources, f"{front}.{key}")
+            # an axle of these alone has their source
+            known[f"{front}.{key}" if _longest(known, front) else front] = source
 
 
 def _of(origin: str, sources: Mapping[str, str]) -> dict[str, str]:

@@ -74,6 +74,28 @@ def test_the_ratio_on_centre_follows_from_the_table_of_the_steering(load):
     assert stiffer.lateral_gain(20.0) == pytest.approx(base.lateral_gain(20.0), rel=1e-4)
 
 
+def test_the_tables_of_a_steering_come_with_it_and_not_with_the_suspension(load, tmp_path):
+    table = f'{STEERING}spring = "spring.csv"'
+    car, plain = load(table), vehicles.load("sedan_320i")
+    steered = {"steering": car.axles.front.steering, "system": car.axles.front.steering_system}
+    file = str(tmp_path / "car.toml")
+    for base, sections, of_steering, spring in (
+        ("van_real", {"steering": file}, car, False),
+        (file, {"suspension": "sedan_320i"}, car, False),
+        (file, {"steering": "sedan_320i"}, plain, True),
+        ("sedan_320i", {"suspension": file}, plain, True),
+        ("sedan_320i", {"suspension": file, "steering": file}, car, True),
+    ):
+        other = vehicles.load({"base": base, "title": "other", **sections})
+        front = other.axles.front
+        assert other.steering == of_steering.steering
+        given = {"steering": front.steering, "system": front.steering_system}
+        assert given == (steered if of_steering is car else dict.fromkeys(steered))
+        assert (front.spring is not None) == spring
+        if of_steering is car:
+            assert other.source("axles.front.steering").startswith("of ")
+
+
 def test_a_car_based_on_one_with_an_unusual_steering_means_it(load, tmp_path):
     slow = STEERING.replace("-5, 0, 5.5", "-2, 0, 2")
     with pytest.raises(CanrollError, match=r"steering.ratio = 45 is implausible"):
