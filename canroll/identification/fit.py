@@ -204,7 +204,7 @@ def fit(
     scaled = covariance * np.outer(slopes, slopes)
     if moved.lag is not None:
         numbers = (*numbers, moved.lag)
-        scaled = np.asarray(block_diag(scaled, [[moved.lag.deviation**2]]))
+        scaled = np.asarray(block_diag(scaled, np.array([[moved.lag.deviation**2]])))
     car = fitted(vehicle, numbers, scaled, name)
     of_car = np.array([not unknown.of_log for unknown in sought])
     labels = [unknown.label for unknown in sought if not unknown.of_log]

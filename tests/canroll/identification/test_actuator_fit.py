@@ -1,10 +1,10 @@
-"""Actuators whose lag, delay and gain are known, drawn by SciPy's linear systems."""
+"""Actuators whose lag, delay and gain are known, drawn by SciPy's filters."""
 
 from functools import cache
 
 import numpy as np
 import pytest
-from scipy.signal import StateSpace, lfilter, lsim
+from scipy.signal import lfilter
 from scipy.stats import binom
 
 from canroll.identification.actuator_fit import Moved, fitted, unknowns_of
@@ -31,9 +31,10 @@ def drawn(seed, *, colour=0.0, lag=None, delay=None, duration=20.0, period=0.01,
     fine = np.repeat(command, round(0.01 / STEP))
     late = round(delay / STEP)
     shifted = np.concatenate((np.full(late, fine[0]), fine))[: fine.size]
-    system = StateSpace([[-1 / lag]], [[1 / lag]], [[gain]], [[0.0]])
     time = STEP * np.arange(fine.size)
-    _, moment, _ = lsim(system, shifted, time, X0=[fine[0]], interp=False)
+    # of a command that is constant over a step the exact discretisation is y' = a y + (1 − a) u
+    kept = np.exp(-STEP / lag)
+    moment = gain * (fine[0] + lfilter([0.0, 1.0 - kept], [1.0, -kept], shifted - fine[0]))
     phase = int(generator.integers(0, round(period / STEP)))
     rows = slice(round(1.0 / STEP) + phase, None, round(period / STEP))
     count = len(range(*rows.indices(fine.size)))
@@ -66,3 +67,32 @@ def test_intervals_hold_the_truth_as_often_as_they_say(colour):
     least, most = binom.interval(1.0 - 1.0 / 3000.0, DRAWS, 0.95)
     assert hits.min() >= least, hits
     assert hits.max() <= most, hits
+
+
+def test_samples_rarer_than_the_lag_is_long_tell_lag_and_delay_as_a_pair():
+    """Of a lag of 1 ms a sample every 10 ms shows one point of the rise at most."""
+    missed = pairs = 0
+    for seed in range(40):
+        moved, truth = drawn(seed, lag=0.001)
+        numbers = fit(moved).numbers[:2]
+        pairs += numbers[0].state == "together"
+        away = [abs(n.value - t) / n.deviation for n, t in zip(numbers, truth, strict=False)]
+        missed += max(away) > 1.96
+    assert pairs >= 30, pairs
+    assert missed <= 6, missed
+
+
+def test_samples_rarer_than_the_commands_are_compared_at_their_own_times():
+    away = []
+    for seed in range(40):
+        moved, truth = drawn(seed, period=0.02)
+        numbers = fit(moved).numbers[:3]
+        away += [abs(n.value - t) / n.deviation for n, t in zip(numbers, truth, strict=True)]
+    assert np.mean(np.array(away) < 1.96) > 0.88, away
+
+
+def test_the_offset_of_a_sensor_is_no_gain():
+    moved, (_, _, gain) = drawn(3, noise=1.0)
+    fitted_gain, offset = fit(moved).numbers[2:]
+    assert offset.value == pytest.approx(40.0, abs=3 * offset.deviation)
+    assert fitted_gain.value == pytest.approx(gain, abs=3 * fitted_gain.deviation)

@@ -35,6 +35,23 @@ def test_units_of_columns_are_those_of_their_names(csv):
     assert log.remarks == ("yaw_rate_deg_s: 1 rows without a number: left out",)
 
 
+def test_moments_have_their_names_and_units(tmp_path):
+    names = "commanded_front_knm,commanded_rear,delivered_moment_front_n_m,moment_rear"
+    path = tmp_path / "drive.csv"
+    path.write_text(f"{HEADER},{names}\n{ROWS[0]},1.5,2,3,4\n{ROWS[1]},1.5,2,3,4\n")
+    log = read(str(path), dict([choice_of("commanded_force_front_left=roll_rate:kN")]))
+    first = {n: c.values[0] for n, c in log.channels.items() if n.startswith(("comm", "deliv"))}
+    assert first == pytest.approx(
+        {
+            "commanded_front": 1500.0,
+            "commanded_rear": 2.0,
+            "delivered_front": 3.0,
+            "delivered_rear": 4.0,
+            "commanded_force_front_left": 10.0,
+        }
+    )
+
+
 def test_an_option_takes_another_column_reversed_and_in_its_unit(csv):
     log = read(csv, dict([choice_of("roll_rate=-roll_rate:deg/s")]))
     assert log.channels["roll_rate"].values[0] == pytest.approx(-np.radians(0.01))
@@ -98,6 +115,9 @@ def test_a_bus_log_is_read_by_the_map_of_the_ecu(tmp_path):
     values = {
         "Imu": {"RollRate": 0.1, "LateralAcceleration": 2.0, "YawRate": -0.2},
         "VehicleMotion": {"VehicleSpeed": 20.0, "SteeringWheelAngle": 0.5},
+        "ActuatorState": {"DeliveredMomentFront": 700.0, "DeliveredMomentRear": -300.0},
+        # the forces of a suspension are not in it: the log of a car need not have every frame
+        "AntiRollBarCommand": {"TorqueFront": 800.0, "TorqueRear": -250.0},
     }
     with can.ASCWriter(str(path)) as writer:
         for i in range(5):
@@ -130,6 +150,10 @@ def test_a_bus_log_is_read_by_the_map_of_the_ecu(tmp_path):
             "yaw_rate": -0.2 * described["YawRate"],
             "speed": 20.0 * described["VehicleSpeed"],
             "steering": 0.5 * described["SteeringWheelAngle"],
+            "delivered_front": 700.0,
+            "delivered_rear": -300.0,
+            "commanded_front": 800.0,
+            "commanded_rear": -250.0,
         },
         abs=2e-3,
     )
