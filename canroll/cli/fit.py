@@ -92,6 +92,7 @@ def _show(result: Fit) -> None:
     print()
     terminal.show_table(fitted_table(result))
     if result.actuators:
+        print()
         terminal.show_table(actuator_table(result))
         print("\n".join(actuator_lines(result)))
     print(measurement_line(result))
