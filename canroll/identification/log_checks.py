@@ -106,7 +106,8 @@ def _remedy(log: Log, slip: _Slip) -> str:
     label = QUANTITIES[slip.signal].label
     option = option_of(log, slip.signal, slip.unit, turned=slip.factor < 0.0)
     if slip.factor > 0.0 and not slip.unit:
-        option = "--vehicle-set steering.ratio=1"
+        # a ratio of 1 is implausible, and only a file can say that it is meant
+        option = "steering.ratio = 1 and unusual = ['steering.ratio'] in the vehicle file"
     return f"{label}: {slip.words}: give {option}"
 
 
