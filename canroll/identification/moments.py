@@ -113,10 +113,10 @@ def moments(
     for axle, name in zip(AXLES, DELIVERED, strict=True):
         if axle in commands and name in log.channels:
             moved = _moved(commands[axle], log.channels[name], window)
-            if _moves(log, axle, moved, vehicle):
-                fits[axle] = _fitted(log, axle, moved, prior)
+            if reason := _untold(log, axle, moved, vehicle):
+                remarks.append(f"actuator {axle}: {reason}: the log tells nothing of it")
             else:
-                remarks.append(f"actuator {axle}: its command never moves: nothing is told of it")
+                fits[axle] = _fitted(log, axle, moved, prior)
     channels = dict(log.channels)
     for axle, name in zip(AXLES, DELIVERED, strict=True):
         if name not in channels and axle in commands:
@@ -208,22 +208,29 @@ def _moved(command: Channel, delivered: Channel, window: Window) -> Moved:
     return Moved(times, values, at[inside], delivered.values[inside])
 
 
-def _moves(log: Log, axle: str, moved: Moved, vehicle: Vehicle) -> bool:
-    """Whether an axle's command moves; its delivered moment must not move without it."""
-    if moved.at.size * float(np.median(np.diff(moved.at)) if moved.at.size > 1 else 0.0) < SHORTEST:
-        raise CanrollError(
-            f"{log.name}: {axle} axle: less than {SHORTEST:g} s with commanded and delivered moment"
-        )
+def _untold(log: Log, axle: str, moved: Moved, vehicle: Vehicle) -> str:
+    """Return why the log tells nothing of an axle's actuator, "" if it tells of it.
+
+    Raises:
+        CanrollError: the delivered moment moves while its command is constant.
+    """
+    if moved.at.size < 2 or moved.at[-1] - moved.at[0] < SHORTEST:
+        return f"less than {SHORTEST:g} s with commanded and delivered moment"
     least = LEAST_ROLL * vehicle.plant.roll_stiffness
     inside = (moved.times >= moved.at[0] - RUN_IN) & (moved.times <= moved.at[-1])
-    if np.std(moved.command[inside]) >= least:
-        return True
-    if np.std(moved.delivered) >= least:
+    moves = np.std(moved.command[inside]) >= least
+    if np.std(moved.delivered) < least:
+        if not moves:
+            return "its command never moves"
+        # what follows the command is small by its unit
+        if abs(first_guess(moved)[-1]) < RELATED:
+            return "it delivers nothing of its command, as if switched off"
+    if not moves:
         raise CanrollError(
             f"{log.name}: {QUANTITIES[f'delivered_{axle}'].label}: it moves, but its command is "
             "constant: they are not of one actuator, or a name is wrong"
         )
-    return False
+    return ""
 
 
 def _fitted(log: Log, axle: str, moved: Moved, prior: Unknown) -> Actuator:
@@ -234,8 +241,7 @@ def _fitted(log: Log, axle: str, moved: Moved, prior: Unknown) -> Actuator:
     if abs(correlation) < RELATED:
         raise CanrollError(
             f"{log.name}: {label}: it has nothing to do with its command (correlation "
-            f"{correlation:.2f}): they are not of one actuator, or it was switched off: choose "
-            "another part by --from and --to"
+            f"{correlation:.2f}): they are not of one actuator, or a name is wrong"
         )
     if correlation < 0.0:
         raise CanrollError(

@@ -168,8 +168,8 @@ def channels(file: str) -> Collection[str]:
 def carried(file: str, needed: Sequence[str], others: Sequence[str], dbc: str) -> Collection[str]:
     """Return which ``others`` a bus log has beside the signals that are ``needed``.
 
-    They are those with frames on the channel that has frames of all needed; of a log without
-    such a channel, or with several, none.
+    They are those with two frames or more on the channel that has frames of all needed; of a log
+    without such a channel, or with several, none.
 
     Args:
         file: the log; one channel of several is ``file#channel``.
@@ -186,7 +186,7 @@ def carried(file: str, needed: Sequence[str], others: Sequence[str], dbc: str) -
     there = _having(named, [_message(Path(dbc), name) for name in needed])
     if len(there) != 1:
         return ()
-    return [n for n in others if _rows_of(_message(Path(dbc), n), there[0]).any()]
+    return [n for n in others if _rows_of(_message(Path(dbc), n), there[0]).sum() > 1]
 
 
 def _state(path: Path) -> tuple[int, int]:

@@ -107,6 +107,29 @@ def test_an_empty_value_after_the_last_column_is_none(tmp_path):
     assert read(str(path), {}).channels["speed"].values == pytest.approx(20.0)
 
 
+def test_channels_of_a_measurement_are_found_by_their_names(tmp_path):
+    mdf = pytest.importorskip("asammdf")
+    times = np.arange(5.0)
+    units = {"steering": "deg", "vx": "m/s", "yaw_rate": "rad/s", "ay": "g", "roll_rate": "deg/s"}
+    units |= {"moment_rear": "kNm", "other": "V"}
+    path = tmp_path / "drive.mf4"
+    with mdf.MDF() as file:
+        for name, unit in units.items():
+            file.append(mdf.Signal(np.ones(5), times, unit=unit, name=name))
+        file.save(path)
+    first = {name: channel.values[0] for name, channel in read(str(path), {}).channels.items()}
+    assert first == pytest.approx(
+        {
+            "steering": np.radians(1.0),
+            "speed": 1.0,
+            "yaw_rate": 1.0,
+            "lateral_acceleration": 9.80665,
+            "roll_rate": np.radians(1.0),
+            "delivered_rear": 1000.0,
+        }
+    )
+
+
 def test_a_bus_log_is_read_by_the_map_of_the_ecu(tmp_path):
     """Frames encoded by cantools and written by python-can."""
     files = dbc.PATH, dbc.PATH.with_suffix(".toml")

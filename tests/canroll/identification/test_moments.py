@@ -13,7 +13,7 @@ from canroll.errors import CanrollError
 from canroll.identification.drive_log import DELIVERED, REQUIRED, Channel, Log, SignalChoice, read
 from canroll.identification.fit import FitSettings, fit
 from canroll.identification.moments import moments
-from canroll.identification.pieces import EVERYTHING, pieces
+from canroll.identification.pieces import EVERYTHING, Window, pieces
 from canroll.identification.replay import ROLL, motion
 from canroll.identification.unknowns import NUMBERS
 from vehicles import GRAVITY
@@ -133,12 +133,25 @@ def test_bars_have_no_corner_forces():
         moments(log_of(commanded_force_rear_left=COMMAND), VAN, "bars")
 
 
-def test_a_command_that_never_moves_tells_nothing_and_says_so():
-    still = {"commanded_front": 0.0 * COMMAND, "delivered_front": 0.0 * COMMAND}
+@pytest.mark.parametrize(
+    ("command", "reason"),
+    [
+        (0.0 * COMMAND, "its command never moves"),
+        (COMMAND, "it delivers nothing of its command, as if switched off"),
+    ],
+)
+def test_an_actuator_of_which_nothing_is_told_is_named(command, reason):
+    still = {"commanded_front": command, "delivered_front": 0.0 * COMMAND}
     result = moments(log_of(**still), VAN)
     assert result.actuators == ()
     assert result.lag is None
-    assert "actuator front: its command never moves" in result.remarks[0]
+    assert result.remarks[0].startswith(f"actuator front: {reason}: the log tells nothing")
+
+
+def test_moments_of_another_part_tell_nothing_of_the_actuator():
+    pair = {"commanded_front": COMMAND, "delivered_front": lagged(0.03)}
+    result = moments(log_of(**pair), VAN, window=Window(5.8, 9.0))
+    assert "less than 1 s with commanded and delivered moment" in result.remarks[0]
 
 
 def test_a_moment_that_rolls_the_body_outwards_is_named():
