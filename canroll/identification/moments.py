@@ -117,6 +117,11 @@ def moments(
                 remarks.append(f"actuator {axle}: {reason}: the log tells nothing of it")
             else:
                 fits[axle] = _fitted(log, axle, moved, prior)
+    if kind and not fits:
+        raise CanrollError(
+            f"{log.name}: --actuator {kind}: no axle has commanded and delivered moments that tell "
+            "of it: name them by --signal, or omit --actuator"
+        )
     channels = dict(log.channels)
     for axle, name in zip(AXLES, DELIVERED, strict=True):
         if name not in channels and axle in commands:
@@ -127,28 +132,31 @@ def moments(
         (other,) = {*DELIVERED} - {*there}
         remarks.append(f"{QUANTITIES[other].label}: not in the log, taken as 0")
     remarks += _outward(log)
-    lag = None
-    of_axles = [fit.numbers[0] for fit in fits.values() if fit.numbers[0].state == "identified"]
-    if of_axles:
-        found = _common(of_axles, replace(prior, least=actuator_fit.FASTEST))
-        if len(of_axles) > 1 and _apart(of_axles) > DIFFERENT:
-            remarks.append(
+    lag, said = None, ""
+    if of_axles := _told(fits):
+        lag = _common(of_axles, replace(prior, least=actuator_fit.FASTEST))
+        if key in held or (is_known(vehicle, key) and key not in free):
+            said = (
+                f"{key}: held at {prior.mean:.4g} s; the log has {lag.value:.4g} ± "
+                f"{lag.deviation:.2g} s"
+            )
+            lag = None
+        elif len(of_axles) > 1 and _apart(of_axles) > DIFFERENT:
+            said = (
                 f"{key}: the file has one lag for both axles, which differ: their mean is written"
             )
-        if key in held or (is_known(vehicle, key) and key not in free):
-            remarks.append(
-                f"{key}: held at {prior.mean:.4g} s; the log has {found.value:.4g} ± "
-                f"{found.deviation:.2g} s"
-            )
-        else:
-            lag = found
     return Moments(
         replace(log, channels=channels),
         tuple(fits.values()),
         lag,
-        tuple(remarks),
+        (*remarks, said) if said else tuple(remarks),
         key if fits else "",
     )
+
+
+def _told(fits: Mapping[str, Actuator]) -> list[FittedNumber]:
+    """Return the lags that the log tells apart from their delays."""
+    return [fit.numbers[0] for fit in fits.values() if fit.numbers[0].state == "identified"]
 
 
 def _apart(lags: list[FittedNumber]) -> float:

@@ -128,6 +128,11 @@ def test_moments_that_cannot_be_an_actuators_are_refused(signals, message):
         moments(log_of(**signals), VAN)
 
 
+def test_a_kind_of_actuator_that_no_moment_tells_of_is_refused():
+    with pytest.raises(CanrollError, match="--actuator suspension: no axle has commanded and"):
+        moments(log_of(delivered_front=COMMAND), VAN, "suspension")
+
+
 def test_bars_have_no_corner_forces():
     with pytest.raises(CanrollError, match="--actuator bars, but it has commanded corner forces"):
         moments(log_of(commanded_force_rear_left=COMMAND), VAN, "bars")
