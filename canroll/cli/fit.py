@@ -15,6 +15,8 @@ from canroll.errors import CanrollError
 from canroll.identification.drive_log import choice_of, read
 from canroll.identification.fit import Fit, FitSettings, fit
 from canroll.identification.fit_page import (
+    actuator_lines,
+    actuator_table,
     explained_lines,
     fit_page,
     fitted_table,
@@ -54,6 +56,7 @@ def run(args: argparse.Namespace) -> int:
         held=tuple(args.hold or ()),
         starts=args.starts,
         jobs=args.jobs,
+        actuator=args.actuator,
     )
     with terminal.progress(quiet=args.json) as progress:
         result = fit(log, start, settings, progress)
@@ -88,6 +91,10 @@ def _show(result: Fit) -> None:
     terminal.show_warnings(result.remarks)
     print()
     terminal.show_table(fitted_table(result))
+    if result.actuators:
+        print()
+        terminal.show_table(actuator_table(result))
+        print("\n".join(actuator_lines(result)))
     print(measurement_line(result))
     kept = [n.unknown.label for n in result.of_state("kept") if not n.unknown.of_log]
     if kept:

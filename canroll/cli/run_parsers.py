@@ -230,6 +230,12 @@ def fit(parser: Parser) -> None:
     add_choices(parser, ("vehicle",))
     _add_measured(parser, "fit")
     parser.add_argument("--check", metavar="FROM:TO", help="part (s) to predict with the fit")
+    parser.add_argument(
+        "--actuator",
+        choices=("bars", "suspension"),
+        default="",
+        help="actuators whose moments the log has (default: bars; of corner forces, suspension)",
+    )
     for name, meaning in (
         ("free", "fit this number though its source says that it is known"),
         ("hold", "hold this number"),
@@ -257,8 +263,8 @@ def _add_measured(parser: Parser, verb: str) -> None:
         type=not_empty,
         metavar="QUANTITY=[-]NAME[:UNIT]",
         help="signal of the log that is a quantity: steering, speed, yaw_rate, "
-        "lateral_acceleration, roll_rate, roll, sideslip, travel_front_left, …; - reverses it; may "
-        "be repeated",
+        "lateral_acceleration, roll_rate, roll, sideslip, travel_front_left, delivered_front, "
+        "commanded_front, commanded_force_front_left, …; - reverses it; may be repeated",
     )
     parser.add_argument(
         "--dbc", default="", metavar="FILE", help="network description of a bus log"

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from canroll.typing import Vector
 from codegen.frame import units
 from codegen.generated import bus_map
 from dbc.reader import network
-from plant_sim.bodies.ports import WHEELS
+from plant_sim.bodies.ports import AXLES, WHEELS
 from plant_sim.driving import signal_file
 
 
@@ -61,11 +62,47 @@ QUANTITIES = {
         )
         for wheel in WHEELS
     },
+    **{
+        f"delivered_{axle}": Quantity(
+            f"delivered moment, {axle}",
+            "moment",
+            "N·m",
+            (f"delivered_{axle}", f"delivered_moment_{axle}", f"moment_{axle}"),
+            f"delivered[{k}]",
+        )
+        for k, axle in enumerate(AXLES)
+    },
+    **{
+        f"commanded_{axle}": Quantity(
+            f"commanded moment, {axle}",
+            "moment",
+            "N·m",
+            (f"commanded_{axle}", f"commanded_moment_{axle}"),
+            f"bar[{k}]",
+        )
+        for k, axle in enumerate(AXLES)
+    },
+    **{
+        f"commanded_force_{wheel}": Quantity(
+            f"commanded force, {wheel.replace('_', ' ')}",
+            "force",
+            "N",
+            (f"commanded_force_{wheel}",),
+            f"force[{k}]",
+        )
+        for k, wheel in enumerate(WHEELS)
+    },
 }
 """What a log may have, by name; the first five it must have."""
 REQUIRED = tuple(QUANTITIES)[:5]
 INPUTS = ("steering", "speed")
-OUTPUTS = tuple(name for name in QUANTITIES if name not in INPUTS)
+DELIVERED = tuple(f"delivered_{axle}" for axle in AXLES)
+COMMANDED = tuple(f"commanded_{axle}" for axle in AXLES)
+FORCES = tuple(f"commanded_force_{wheel}" for wheel in WHEELS)
+"""Moments on the body by axle, > 0 lifts the left side, and forces on it, > 0 upwards."""
+OUTPUTS = tuple(
+    name for name in QUANTITIES if name not in (*INPUTS, *DELIVERED, *COMMANDED, *FORCES)
+)
 """What drives the car, and what is compared."""
 
 _SUFFIXES = {
@@ -81,6 +118,10 @@ _SUFFIXES = {
     "g": "g",
     "m": "m",
     "mm": "mm",
+    "nm": "Nm",
+    "n_m": "Nm",
+    "knm": "kNm",
+    "kn": "kN",
 }
 _TIMES = ("time", "time_s", "t", "timestamp", "timestamps")
 
@@ -162,12 +203,23 @@ def read(
         return _of_csv(Path(file), choices)
     known = dict(choices)
     if map_file:
-        for name, choice in _mapped(Path(dbc), Path(map_file)).items():
-            known.setdefault(name, choice)
+        mapped = _mapped(Path(dbc), Path(map_file))
+        own = {n: one.choice for n, one in mapped.items() if n in REQUIRED and n not in known}
+        # a log may be without the frames of what it need not have
+        others = {n: one.choice for n, one in mapped.items() if n not in (*REQUIRED, *known)}
+        known |= own
+        needed = [choice.name for choice in known.values()]
+        there = signal_file.carried(file, needed, [c.name for c in others.values()], dbc)
+        own |= {name: choice for name, choice in others.items() if choice.name in there}
+        known |= own
+        for name in own:
+            if mapped[name].refusal:
+                raise CanrollError(f"{map_file}: {mapped[name].refusal}")
     elif not dbc:
+        there = signal_file.channels(file)
         for name, quantity in QUANTITIES.items():
             for candidate in () if name in known else quantity.names:
-                if _has_channel(file, candidate):
+                if candidate in there:
                     known[name] = SignalChoice(candidate)
                     break
     _complete(file, known, "--signal QUANTITY=NAME")
@@ -180,20 +232,20 @@ def read(
     return Log(file, channels, tuple(dict.fromkeys(text for s in signals for text in s.remarks)))
 
 
-def _has_channel(file: str, name: str) -> bool:
-    try:
-        signal_file.read(file, [name])
-    except UnknownNameError:
-        return False
-    return True
+class _Mapped(NamedTuple):
+    """The signal of a quantity by a map, and why a log cannot be read by it, "" if it can."""
+
+    choice: SignalChoice
+    refusal: str
 
 
-def _mapped(dbc: Path, map_file: Path) -> dict[str, SignalChoice]:
+def _mapped(dbc: Path, map_file: Path) -> dict[str, _Mapped]:
     """Return the signals that a map takes for fields of the ECU that are quantities."""
     of_field = {quantity.field: name for name, quantity in QUANTITIES.items() if quantity.field}
     database = network(dbc).database
     choices = {}
-    for box in bus_map.load(dbc, map_file).received:
+    bus = bus_map.load(dbc, map_file)
+    for box in (*bus.received, *bus.transmitted):
         for signal in box.signals:
             name = of_field.get(signal.place.text)
             if name is None:
@@ -201,13 +253,15 @@ def _mapped(dbc: Path, map_file: Path) -> dict[str, SignalChoice]:
             described = database.get_message_by_name(box.name).get_signal_by_name(signal.name)
             factor = signal.scale / 2**signal.place.q / Fraction(described.scale)
             shifted = factor * Fraction(described.offset) != signal.offset / 2**signal.place.q
+            refusal = ""
             if shifted or signal.minus is not None:
-                raise CanrollError(
-                    f"{map_file}: {signal.name}: a log is read with the signs and offsets of "
-                    f"{dbc}: name the signal by --signal {name}=NAME:UNIT"
+                refusal = (
+                    f"{signal.name}: a log is read with the signs and offsets of {dbc}: name the "
+                    f"signal by --signal {name}=NAME:UNIT"
                 )
             unit = QUANTITIES[name].unit
-            choices[name] = SignalChoice(f"{box.name}.{signal.name}", unit, float(factor))
+            choice = SignalChoice(f"{box.name}.{signal.name}", unit, float(factor))
+            choices[name] = _Mapped(choice, refusal)
     return choices
 
 

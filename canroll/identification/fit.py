@@ -9,21 +9,24 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from canroll.cases.engine import LOCAL, engine
 from canroll.errors import CanrollError
 from canroll.identification import unknowns
+from canroll.identification.actuator_fit import Actuator
 from canroll.identification.agreement import Agreement, agreement
 from canroll.identification.drive_log import Log
 from canroll.identification.information import (
-    IDENTIFIED,
     Information,
     felt,
     fisher_at,
     information,
+    numbers_at,
     together,
 )
 from canroll.identification.log_checks import check
+from canroll.identification.moments import moments
 from canroll.identification.output_error import (
     Model,
     Point,
@@ -34,7 +37,7 @@ from canroll.identification.output_error import (
     starts,
 )
 from canroll.identification.pieces import EVERYTHING, SAMPLE, Piece, Window, pieces
-from canroll.identification.unknowns import Unknown
+from canroll.identification.unknowns import FittedNumber
 from canroll.typing import Progress, Vector
 from vehicles import Vehicle
 from vehicles.fit_spread import SECTION, section_of, value_of
@@ -62,6 +65,8 @@ class FitSettings:
         starts: searches from the prior and from draws of it; more where none is confirmed.
         seed: of these draws.
         jobs: processes.
+        actuator: whose moments the log has, one of :data:`canroll.identification.moments.KINDS`;
+            "": that of the commands.
     """
 
     imu: str = "body"
@@ -72,25 +77,7 @@ class FitSettings:
     starts: int = 3
     seed: int = 1
     jobs: int = 1
-
-
-@dataclass(frozen=True, slots=True)
-class FittedNumber:
-    """A fitted number and its standard deviation, in the unit of its unknown.
-
-    ``state``: "identified"; identified only "together" with others, where the log says less of the
-    number than was known before; or "kept" at its prior, of which the log says nothing.
-    """
-
-    unknown: Unknown
-    value: float
-    deviation: float
-    state: str
-
-    @property
-    def learnt(self) -> float:
-        """How much smaller the deviation is than the prior's, 0 to 1."""
-        return max(1.0 - self.deviation / self.unknown.slope(self.value), 0.0)
+    actuator: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,6 +106,7 @@ class Fit:
         minima: cost of every search from the first start on.
         curves: measured and simulated.
         remarks: what was left out, and what is strange, a line each.
+        actuators: fitted to the moments of the log.
     """
 
     log: str
@@ -134,6 +122,7 @@ class Fit:
     minima: tuple[float, ...]
     curves: tuple[Curves, ...]
     remarks: tuple[str, ...]
+    actuators: tuple[Actuator, ...] = ()
 
     def of_state(self, state: str) -> tuple[FittedNumber, ...]:
         """Return the numbers of a state."""
@@ -147,24 +136,13 @@ class Fit:
             "seconds": self.seconds,
             "agreement": [asdict(one) for one in self.agreements],
             "prediction": [asdict(one) for one in self.predictions],
-            "numbers": [
-                {
-                    "key": number.unknown.key,
-                    "unit": number.unknown.unit,
-                    "value": number.value,
-                    "deviation": number.deviation,
-                    "state": number.state,
-                    "learnt": number.learnt,
-                    "prior": number.unknown.mean,
-                    "prior_deviation": number.unknown.deviation,
-                }
-                for number in self.numbers
-            ],
+            "numbers": [number.to_json() for number in self.numbers],
             "covariance": self.covariance.tolist(),
             "identifiable_together": [list(pair) for pair in self.pairs],
             "directions": self.information.directions,
             "minima": list(self.minima),
             "remarks": list(self.remarks),
+            **({"actuators": [one.to_json() for one in self.actuators]} if self.actuators else {}),
         }
 
 
@@ -185,9 +163,19 @@ def fit(
     Raises:
         CanrollError: the log cannot be used, or no vehicle can have the fitted numbers.
     """
+    moved = moments(
+        log,
+        vehicle,
+        settings.actuator,
+        settings.window,
+        free=settings.free,
+        held=settings.held,
+    )
+    log = moved.log
     parts, remarks = pieces(log, settings.window)
     names = parts[0].names
-    sought = unknowns.unknowns(vehicle, names, free=settings.free, held=settings.held)
+    free, held = moved.others(settings.free), moved.others(settings.held)
+    sought = unknowns.unknowns(vehicle, names, free=free, held=held)
     model = Model(vehicle, parts, settings.imu, settings.window, sought)
     check(log, model)
     rounds = 0
@@ -200,26 +188,30 @@ def fit(
     with engine(LOCAL, settings.jobs) as where:
         simulator = Simulator(model, where, report)
         point, minima = _best(simulator, settings)
-        free = felt(fisher_at(simulator, point))
-        if not any(f and not unknown.of_log for f, unknown in zip(free, sought, strict=True)):
+        told = felt(fisher_at(simulator, point))
+        if not any(f and not unknown.of_log for f, unknown in zip(told, sought, strict=True)):
             raise CanrollError(
                 f"{log.name}: it says nothing of the car beyond what {vehicle.name} has: drive "
                 "with more steering"
             )
-        point = search(simulator, replace(point, x=_held(model, point.x, free)), free)
+        point = search(simulator, replace(point, x=_held(model, point.x, told)), told)
         progress("steps of the search", 1.0)
         content = information(simulator, point, partial(progress, "drives with other inputs"))
-    covariance = content.covariance(free)
-    numbers = tuple(_numbers(model, point.x, covariance, free))
+    covariance = content.covariance(told)
+    numbers = numbers_at(sought, point.x, covariance, told)
     name = Path(log.name).name
     slopes = np.array([number.unknown.slope(number.value) for number in numbers])
     scaled = covariance * np.outer(slopes, slopes)
+    if moved.lag is not None:
+        numbers = (*numbers, moved.lag)
+        scaled = np.asarray(block_diag(scaled, np.array([[moved.lag.deviation**2]])))
     car = fitted(vehicle, numbers, scaled, name)
     of_car = np.array([not unknown.of_log for unknown in sought])
     labels = [unknown.label for unknown in sought if not unknown.of_log]
     curves, agreements, predictions = _compared(model, log, settings, point.x)
     unusual = (text.partition(";")[0] for text in implausible(car))
-    remarks += (*_strange(numbers), *unusual, *_missed(content), *_searched(minima, agreements))
+    remarks += (*moved.remarks, *_strange(numbers), *unusual)
+    remarks += (*_missed(content), *_searched(minima, agreements))
     return Fit(
         log=name,
         start=vehicle,
@@ -234,6 +226,7 @@ def fit(
         minima=minima,
         curves=curves,
         remarks=remarks,
+        actuators=moved.actuators,
     )
 
 
@@ -267,18 +260,6 @@ def _held(model: Model, x: Vector, free: NDArray[np.bool_]) -> Vector:
         if model.motions(begin) is not None:
             return np.asarray(begin)
     raise CanrollError(f"{model.vehicle.name}: cannot be driven as in the log")
-
-
-def _numbers(
-    model: Model, x: Vector, covariance: NDArray[np.float64], free: NDArray[np.bool_]
-) -> list[FittedNumber]:
-    numbers = []
-    for i, unknown in enumerate(model.unknowns):
-        state = "identified" if covariance[i, i] < IDENTIFIED else "together"
-        value = unknown.value(float(x[i]))
-        deviation = unknown.slope(value) * float(np.sqrt(covariance[i, i]))
-        numbers.append(FittedNumber(unknown, value, deviation, state if free[i] else "kept"))
-    return numbers
 
 
 def _strange(numbers: tuple[FittedNumber, ...]) -> list[str]:

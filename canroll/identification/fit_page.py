@@ -6,8 +6,8 @@ import numpy as np
 
 from canroll.identification.agreement import Agreement
 from canroll.identification.drive_log import QUANTITIES
-from canroll.identification.fit import Fit, FittedNumber
-from canroll.identification.unknowns import delay_key, offset_key
+from canroll.identification.fit import Fit
+from canroll.identification.unknowns import FittedNumber, delay_key, offset_key
 from canroll.report.figure import DASHED, Figure, Series
 from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
 
@@ -93,6 +93,27 @@ def _row(number: FittedNumber) -> tuple[str | Cell, ...]:
     )
 
 
+def actuator_table(fit: Fit) -> PageTable:
+    """Return what the moments of the log say of the actuators; without rows if it has none."""
+    return PageTable(
+        "Actuators",
+        HEAD,
+        [_row(number) for one in fit.actuators for number in one.numbers],
+        note="Delivered = gain · lag(command(t − delay)) + offset. ±: one standard deviation.",
+    )
+
+
+def actuator_lines(fit: Fit) -> Iterator[str]:
+    """Yield how much of each delivered moment its actuator explains, and what goes together."""
+    for one in fit.actuators:
+        pairs = [f"{first} with {second} ({r:+.2f})" for first, second, r in one.pairs]
+        text = f"; identifiable only together: {', '.join(pairs)}" if pairs else ""
+        yield (
+            f"actuator {one.axle}: explains {100 * one.explained:.2f} % of its moment's variance"
+            f"{text}"
+        )
+
+
 def _of_log(fit: Fit, keys: tuple[str, ...]) -> Iterator[str]:
     for number in fit.numbers:
         if number.unknown.key in keys and number.state == "identified":
@@ -159,6 +180,8 @@ def fit_page(fit: Fit) -> str:
         *([_agreement_table("Predicted, not fitted", fit.predictions)] if fit.predictions else []),
         PageTable("Measurement", HEAD, [_row(n) for n in measurement]),
     ]
+    if fit.actuators:
+        tables.insert(1, actuator_table(fit))
     if kept:
         tables.append(PageTable("Not identifiable from the log", HEAD, [_row(n) for n in kept]))
     if fit.pairs:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from canroll.identification.colour import score_covariance
 from canroll.identification.input_noise import input_scores
 from canroll.identification.output_error import Point, Simulator
+from canroll.identification.unknowns import FittedNumber, Unknown
 from canroll.typing import Vector
 
 IDENTIFIED = 0.5
@@ -122,6 +123,22 @@ def at_least(scores: NDArray[np.float64], least: NDArray[np.float64]) -> NDArray
     sizes, axes = np.linalg.eigh(back.T @ scores @ back)
     turned = root @ axes
     return np.asarray((turned * np.maximum(sizes, 1.0)) @ turned.T)
+
+
+def numbers_at(
+    sought: Sequence[Unknown],
+    x: Vector,
+    covariance: NDArray[np.float64],
+    free: NDArray[np.bool_],
+) -> tuple[FittedNumber, ...]:
+    """Return the numbers at coordinates ``x`` with their covariance; those not free are kept."""
+    numbers = []
+    for i, unknown in enumerate(sought):
+        state = "identified" if covariance[i, i] < IDENTIFIED else "together"
+        value = unknown.value(float(x[i]))
+        deviation = unknown.slope(value) * float(np.sqrt(covariance[i, i]))
+        numbers.append(FittedNumber(unknown, value, deviation, state if free[i] else "kept"))
+    return tuple(numbers)
 
 
 def together(

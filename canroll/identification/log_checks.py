@@ -125,13 +125,14 @@ def _signals(model: Model) -> dict[str, Vector]:
 
 def _remedy(log: Log, slip: _Slip) -> str:
     label = QUANTITIES[slip.signal].label
-    option = _option(log, slip.signal, slip.unit, turned=slip.factor < 0.0)
+    option = option_of(log, slip.signal, slip.unit, turned=slip.factor < 0.0)
     if slip.factor > 0.0 and not slip.unit:
-        option = "--vehicle-set steering.ratio=1"
+        # a ratio of 1 is implausible, and only a file can say that it is meant
+        option = "steering.ratio = 1 and unusual = ['steering.ratio'] in the vehicle file"
     return f"{label}: {slip.words}: give {option}"
 
 
-def _option(log: Log, signal: str, unit: str, *, turned: bool) -> str:
+def option_of(log: Log, signal: str, unit: str, *, turned: bool) -> str:
     """Return the option that reads a signal in another unit ("": the same) or sign."""
     choice = log.channels[signal].choice
     own = choice.unit if abs(choice.factor) == 1.0 else ""  # else it is that of a map
@@ -228,5 +229,5 @@ def _rolling(log: Log, model: Model) -> Iterator[str]:
             unit = small
             words.append(f"{factor:.0f} times too small")
         if words:
-            option = _option(log, name, unit, turned=correlation < 0.0)
+            option = option_of(log, name, unit, turned=correlation < 0.0)
             yield f"{QUANTITIES[name].label}: {', '.join(words)}: give {option}"

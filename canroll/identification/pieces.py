@@ -1,14 +1,20 @@
 """A log as pieces on a uniform time base: cut at gaps, resets and standstill, without outliers."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
-from canroll.identification.drive_log import INPUTS, OUTPUTS, QUANTITIES, Log
+from canroll.identification.drive_log import (
+    DELIVERED,
+    INPUTS,
+    OUTPUTS,
+    QUANTITIES,
+    Log,
+)
 from canroll.identification.smoothing import EXACT, Noise, smoothed
 from canroll.typing import Vector
 
@@ -21,7 +27,7 @@ SHORTEST = 2.0
 SLOWEST = 5.0
 """Speed (m/s) below which the plant's tyres are not valid."""
 GAP = 0.15
-"""Time (s) without a sample of steering or speed after which nothing is known of the drive."""
+"""Time (s) without a sample of an input after which nothing is known of the drive."""
 OUTLIER = 12.0
 """Distance from the median of five neighbours, in usual ones, beyond which a sample is none.
 
@@ -49,7 +55,8 @@ class Piece:
 
     ``steering`` (rad at the wheel) and ``speed`` (m/s) have shape (n,); ``measured`` (n, m) has the
     columns of ``names`` in SI units, NaN where there is no sample. ``steering_noise`` and
-    ``speed_noise`` say how far the two inputs may be from those of the measured car.
+    ``speed_noise`` say how far the two inputs may be from those of the measured car. ``moments``
+    (N·m) are those of actuators on the body, by the names of :data:`DELIVERED`; none are zero.
     """
 
     begin: float
@@ -59,6 +66,8 @@ class Piece:
     measured: NDArray[np.float64]
     steering_noise: Noise = EXACT
     speed_noise: Noise = EXACT
+    moments: Mapping[str, Vector] = field(default_factory=dict)
+    moment_noise: Mapping[str, Noise] = field(default_factory=dict)
 
     @property
     def time(self) -> Vector:
@@ -77,6 +86,10 @@ class Piece:
             self,
             steering=self.steering + self.steering_noise.errors(self.time, generator),
             speed=self.speed + self.speed_noise.errors(self.time, generator),
+            moments={
+                name: moment + self.moment_noise[name].errors(self.time, generator)
+                for name, moment in self.moments.items()
+            },
         )
 
 
@@ -97,7 +110,8 @@ def pieces(log: Log, window: Window) -> tuple[tuple[Piece, ...], tuple[str, ...]
         CanrollError: nothing is left.
     """
     names = tuple(name for name in OUTPUTS if name in log.channels)
-    clean = {name: _cleaned(log, name) for name in (*INPUTS, *names)}
+    acting = tuple(name for name in DELIVERED if name in log.channels)
+    clean = {name: _cleaned(log, name) for name in (*INPUTS, *acting, *names)}
     remarks = [*log.remarks]
     for channel in clean.values():
         remarks += channel.remarks
@@ -173,7 +187,9 @@ def _outliers(values: Vector) -> NDArray[np.bool_]:
 def _stretches(clean: dict[str, _Clean], begin: float, end: float) -> Iterator[tuple[float, float]]:
     """Yield begin and end of what can be driven: steering and speed known, fast enough."""
     cuts: list[tuple[float, float]] = []
-    for name in INPUTS:
+    for name in (*INPUTS, *DELIVERED):
+        if name not in clean:
+            continue
         times = clean[name].times
         long = np.flatnonzero(np.diff(times) > GAP)
         cuts += [(float(times[i]), float(times[i + 1])) for i in long]
@@ -213,7 +229,19 @@ def _piece(clean: dict[str, _Clean], names: tuple[str, ...], begin: float, end: 
     # the car itself filters the steering: only how large its noise is must be known
     _, steering_noise = smoothed(*_regular(clean["steering"], time[0], time[-1]))
     steering_noise = replace(steering_noise, weight=0.0)
-    return Piece(begin, sampled("steering"), speed, names, measured, steering_noise, speed_noise)
+    moments = {name: sampled(name) for name in DELIVERED if name in clean}
+    noises = {name: smoothed(*_regular(clean[name], time[0], time[-1]))[1] for name in moments}
+    return Piece(
+        begin,
+        sampled("steering"),
+        speed,
+        names,
+        measured,
+        steering_noise,
+        speed_noise,
+        moments,
+        {name: replace(noise, weight=0.0) for name, noise in noises.items()},
+    )
 
 
 def _regular(channel: _Clean, begin: float, end: float) -> tuple[Vector, Vector]:

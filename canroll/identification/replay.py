@@ -1,4 +1,4 @@
-"""The 14-DOF plant driven with a measured steering and speed: no bus, no ECU."""
+"""The 14-DOF plant driven with measured steering, speed and moments: no bus, no ECU."""
 
 from collections.abc import Mapping
 from math import ceil
@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.identification.drive_log import DELIVERED
 from canroll.identification.pieces import SAMPLE, Piece
 from canroll.typing import Vector
 from plant_sim import bodies
@@ -53,6 +54,7 @@ class _Run(NamedTuple):
     outputs: Vector
     steer: Vector
     speed: Vector
+    moments: NDArray[np.float64]
     arm: Vector
     record: NDArray[np.float64]
 
@@ -77,6 +79,8 @@ def _drive_through(step: Any, run: _Run, mass: float, dt: float) -> None:  # noq
             for wheel in range(4):
                 row[TRAVEL + wheel] = run.outputs[ports.TRAVEL + wheel]
         run.inputs[ports.STEER] = run.steer[k]
+        for axle in range(2):
+            run.inputs[ports.BAR_MOMENT_FRONT + axle] = run.moments[axle, k]
         run.inputs[ports.DRIVE_FORCE] = SPEED_GAIN * mass * (run.speed[k] - run.outputs[ports.VX])
         step(run.state, run.inputs, run.parameters, run.outputs, dt)
 
@@ -93,7 +97,7 @@ def motion(vehicle: Vehicle, piece: Piece, steering_offset: float) -> NDArray[np
 
     Args:
         vehicle: the car; ``sensors.imu_position`` is where its inertial unit sits.
-        piece: what was steered, and how fast.
+        piece: what was steered, how fast, and with what moments.
         steering_offset: of the measured steering-wheel angle (rad), subtracted.
 
     Returns:
@@ -108,10 +112,14 @@ def motion(vehicle: Vehicle, piece: Piece, steering_offset: float) -> NDArray[np
     at = dt * (np.arange(steps) + 0.5)
     steer = (np.interp(at, known, piece.steering) - steering_offset) / vehicle.steering.ratio
     speed = np.interp(at, known, piece.speed)
+    moments = np.zeros((len(DELIVERED), steps))
+    for axle, name in enumerate(DELIVERED):
+        if name in piece.moments:
+            moments[axle] = np.interp(at, known, piece.moments[name])
     state, parameters = body.build(vehicle, float(speed[0]))
     record = np.empty((rows, N_COLUMNS))
     arm, outputs = np.array(vehicle.sensors.imu_position), np.zeros(ports.N_OUTPUTS)
-    run = _Run(state, initial_inputs(), parameters, outputs, steer, speed, arm, record)
+    run = _Run(state, initial_inputs(), parameters, outputs, steer, speed, moments, arm, record)
     _drive_through(body.step, run, vehicle.total_mass, dt)
     return record
 

@@ -62,7 +62,39 @@ class Unknown:
 
 
 @dataclass(frozen=True, slots=True)
-class _Number:
+class FittedNumber:
+    """A fitted number and its standard deviation, in the unit of its unknown.
+
+    ``state``: "identified"; identified only "together" with others, where the log says less of the
+    number than was known before; or "kept" at its prior, of which the log says nothing.
+    """
+
+    unknown: Unknown
+    value: float
+    deviation: float
+    state: str
+
+    @property
+    def learnt(self) -> float:
+        """How much smaller the deviation is than the prior's, 0 to 1."""
+        return max(1.0 - self.deviation / self.unknown.slope(self.value), 0.0)
+
+    def to_json(self) -> dict[str, float | str]:
+        """Return the number as plain data."""
+        return {
+            "key": self.unknown.key,
+            "unit": self.unknown.unit,
+            "value": self.value,
+            "deviation": self.deviation,
+            "state": self.state,
+            "learnt": self.learnt,
+            "prior": self.unknown.mean,
+            "prior_deviation": self.unknown.deviation,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
     """Label and unit of a vehicle's number; the usual spread of a guess, relative or absolute."""
 
     label: str
@@ -74,29 +106,29 @@ class _Number:
 
 
 NUMBERS = {
-    "tyre.cornering_stiffness_front": _Number("cornering stiffness, front", "N/rad", 0.25),
-    "tyre.cornering_stiffness_rear": _Number("cornering stiffness, rear", "N/rad", 0.25),
-    "tyre.cornering_load_slope": _Number(
+    "tyre.cornering_stiffness_front": Number("cornering stiffness, front", "N/rad", 0.25),
+    "tyre.cornering_stiffness_rear": Number("cornering stiffness, rear", "N/rad", 0.25),
+    "tyre.cornering_load_slope": Number(
         "fall of cornering stiffness over load", "", 0.0, 0.1, 0.0, 0.49
     ),
-    "tyre.friction": _Number("friction", "", 0.1),
-    "tyre.relaxation_length": _Number("relaxation length", "m", 0.3),
-    "mass.yaw_inertia": _Number("yaw inertia", "kg·m²", 0.15),
-    "plant.roll_inertia": _Number("roll inertia", "kg·m²", 0.2),
-    "plant.roll_damping": _Number("roll damping", "N·m·s/rad", 0.5),
-    "plant.roll_stiffness": _Number("roll stiffness", "N·m/rad", 0.25),
-    "plant.cg_height_above_roll_axis": _Number("CG above roll axis", "m", 0.15),
-    "geometry.roll_centre_height_front": _Number("roll centre, front", "m", 0.0, 0.04, -0.2, 0.5),
-    "geometry.roll_centre_height_rear": _Number("roll centre, rear", "m", 0.0, 0.04, -0.2, 0.8),
-    "suspension.roll_stiffness_front_share": _Number(
+    "tyre.friction": Number("friction", "", 0.1),
+    "tyre.relaxation_length": Number("relaxation length", "m", 0.3),
+    "mass.yaw_inertia": Number("yaw inertia", "kg·m²", 0.15),
+    "plant.roll_inertia": Number("roll inertia", "kg·m²", 0.2),
+    "plant.roll_damping": Number("roll damping", "N·m·s/rad", 0.5),
+    "plant.roll_stiffness": Number("roll stiffness", "N·m/rad", 0.25),
+    "plant.cg_height_above_roll_axis": Number("CG above roll axis", "m", 0.15),
+    "geometry.roll_centre_height_front": Number("roll centre, front", "m", 0.0, 0.04, -0.2, 0.5),
+    "geometry.roll_centre_height_rear": Number("roll centre, rear", "m", 0.0, 0.04, -0.2, 0.8),
+    "suspension.roll_stiffness_front_share": Number(
         "front share of roll stiffness", "", 0.0, 0.07, 0.1, 0.9
     ),
-    "suspension.roll_damping_front_share": _Number(
+    "suspension.roll_damping_front_share": Number(
         "front share of roll damping", "", 0.0, 0.1, 0.1, 0.9
     ),
-    "steering.ratio": _Number("steering ratio", "", 0.03),
-    "sensors.imu_position.0": _Number("inertial unit ahead of CG", "m", 0.0, 0.4, -3.0, 3.0),
-    "sensors.imu_position.2": _Number("inertial unit above CG", "m", 0.0, 0.25, -1.0, 2.0),
+    "steering.ratio": Number("steering ratio", "", 0.03),
+    "sensors.imu_position.0": Number("inertial unit ahead of CG", "m", 0.0, 0.4, -3.0, 3.0),
+    "sensors.imu_position.2": Number("inertial unit above CG", "m", 0.0, 0.25, -1.0, 2.0),
 }
 """What of a vehicle file can be fitted."""
 WIDEST = 4.0
@@ -149,7 +181,7 @@ def unknowns(
             raise UnknownNameError("number that a log may tell", key, keys)
         if key in free and key in held:
             raise CanrollError(f"{key}: it is to be fitted and to be held: choose one")
-    known = {u.key for u in of_vehicle if _origin(vehicle, u.key).startswith(KNOWN)} - {*free}
+    known = {u.key for u in of_vehicle if is_known(vehicle, u.key)} - {*free}
     result = tuple(u for u in result if u.key not in known and u.key not in held)
     if not result:
         raise CanrollError("no number is left to fit: every one is held")
@@ -160,22 +192,31 @@ def _of_vehicle(vehicle: Vehicle) -> Iterator[Unknown]:
     for key, number in NUMBERS.items():
         if key.startswith("tyre.") and vehicle.magic_formula is not None:
             continue
-        mean, source = value_of(vehicle, key), _origin(vehicle, key)
-        usual = number.absolute or number.relative * abs(mean)
-        place = key.rpartition(".")[2]
-        # of a list the spread of each number is followed by its place
-        match = re.search(_SPREAD + (rf"[^;]*\[{place}\]" if place.isdecimal() else ""), source)
-        deviation, prior = usual, "usual spread of an estimate"
-        if match and float(match[1]) > 0.0:
-            deviation = float(match[1]) * (abs(mean) / 100 if match[2] else 1.0)
-            prior = source.partition(":")[0]
-        positive = is_positive(key)
-        if positive:
-            least, most = mean / WIDEST, mean * WIDEST
-        else:
-            least, most = min(number.least, mean), max(number.most, mean)
-        label, unit = number.label, number.unit
-        yield Unknown(key, label, unit, mean, deviation, least, most, prior, positive)
+        yield of_key(vehicle, key, number)
+
+
+def of_key(vehicle: Vehicle, key: str, number: Number) -> Unknown:
+    """Return the unknown of a vehicle's number, its prior from the source or the usual one."""
+    mean, source = value_of(vehicle, key), _origin(vehicle, key)
+    usual = number.absolute or number.relative * abs(mean)
+    place = key.rpartition(".")[2]
+    # of a list the spread of each number is followed by its place
+    match = re.search(_SPREAD + (rf"[^;]*\[{place}\]" if place.isdecimal() else ""), source)
+    deviation, prior = usual, "usual spread of an estimate"
+    if match and float(match[1]) > 0.0:
+        deviation = float(match[1]) * (abs(mean) / 100 if match[2] else 1.0)
+        prior = source.partition(":")[0]
+    positive = is_positive(key)
+    if positive:
+        least, most = mean / WIDEST, mean * WIDEST
+    else:
+        least, most = min(number.least, mean), max(number.most, mean)
+    return Unknown(key, number.label, number.unit, mean, deviation, least, most, prior, positive)
+
+
+def is_known(vehicle: Vehicle, key: str) -> bool:
+    """Whether the source of a number says that it is no guess."""
+    return _origin(vehicle, key).startswith(KNOWN)
 
 
 def _origin(vehicle: Vehicle, key: str) -> str:

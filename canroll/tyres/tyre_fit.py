@@ -15,7 +15,6 @@ from scipy.optimize import least_squares
 
 from canroll.errors import CanrollError
 from canroll.identification.colour import score_covariance
-from canroll.identification.fit import FittedNumber
 from canroll.identification.information import (
     IDENTIFIED,
     Information,
@@ -23,7 +22,7 @@ from canroll.identification.information import (
     felt,
     together,
 )
-from canroll.identification.unknowns import Unknown
+from canroll.identification.unknowns import FittedNumber, Unknown
 from canroll.typing import Progress, Vector
 from canroll.tyres.coefficients import GUESSED, UNSCALED, unknowns
 from canroll.tyres.measured import MeasuredTyre

@@ -1,7 +1,7 @@
 """A vehicle validated by a measured drive: every signal, and the figures of the manoeuvre."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from math import isfinite
 from typing import Any
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.identification.drive_log import OUTPUTS, Log
+from canroll.identification.moments import moments
 from canroll.identification.pieces import EVERYTHING, SAMPLE, Window
 from canroll.validation import sine_sweep, sine_with_dwell, steady_circle, step_steer
 from canroll.validation.criterion import Judged
@@ -191,7 +192,9 @@ def validate(
         VerdictError: the simulated car rolls over.
     """
     package()
-    drive = replayed(log, vehicle, settings.window, settings.imu, measurement)
+    moved = moments(log, vehicle, window=settings.window)
+    drive = replayed(moved.log, vehicle, settings.window, settings.imu, measurement)
+    drive = replace(drive, remarks=(*drive.remarks, *moved.remarks))
     kind = settings.manoeuvre or recognised(drive)
     matches = tuple(_match(drive, name, kind, settings) for name in drive.names)
     judged = JUDGES[kind](drive, settings.tolerances) if kind != FREE else Judged()

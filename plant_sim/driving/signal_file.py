@@ -153,6 +153,42 @@ def columns(file: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in first[1])
 
 
+def channels(file: str) -> Collection[str]:
+    """Return the names of the channels of an MF4.
+
+    Raises:
+        MissingExtraError: asammdf, which reads it, is not installed.
+        CanrollError: it cannot be read.
+    """
+    path = Path(file)
+    _state(path)
+    return frozenset(_measurement(path, ())["known"].tolist())
+
+
+def carried(file: str, needed: Sequence[str], others: Sequence[str], dbc: str) -> Collection[str]:
+    """Return which ``others`` a bus log has beside the signals that are ``needed``.
+
+    They are those with two frames or more on the channel that has frames of all needed; of a log
+    without such a channel, or with several, none.
+
+    Args:
+        file: the log; one channel of several is ``file#channel``.
+        needed: signals of the description.
+        others: signals of it that may be missing.
+        dbc: the description.
+
+    Raises:
+        CanrollError: the log cannot be read, or the description does not have a signal.
+    """
+    named = log_name(file)
+    if named is None:
+        return ()
+    there = _having(named, [_message(Path(dbc), name) for name in needed])
+    if len(there) != 1:
+        return ()
+    return [n for n in others if _rows_of(_message(Path(dbc), n), there[0]).sum() > 1]
+
+
 def _state(path: Path) -> tuple[int, int]:
     """Return what changes with the content of a file."""
     try:
@@ -212,15 +248,20 @@ def _of_csv(path: Path, rows: list[tuple[int, list[str]]], name: str, over: str 
 
 
 def _of_mf4(path: Path, names: tuple[str, ...]) -> tuple[Signal, ...]:
+    table = _measurement(path, names)
+    return tuple(_of_channel(path, name, i, table) for i, name in enumerate(names))
+
+
+def _measurement(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+    """Return the names of all channels of an MF4, and what is in those of ``names``."""
     if find_spec("asammdf") is None:
         raise MissingExtraError("reading an .mf4", "asammdf")
     program = f"NAMES = {list(names)!r}\n{_MF4_TO_NPZ}"
     try:
         with np.load(io.BytesIO(documents.read_apart(program, path))) as stored:
-            table = dict(stored)
+            return dict(stored)
     except ValueError as error:
         raise CanrollError(f"{path}: not a readable measurement: {DAMAGED_MF4}") from error
-    return tuple(_of_channel(path, name, i, table) for i, name in enumerate(names))
 
 
 def _of_channel(path: Path, name: str, i: int, table: dict[str, NDArray[Any]]) -> Signal:
@@ -245,15 +286,7 @@ def _of_channel(path: Path, name: str, i: int, table: dict[str, NDArray[Any]]) -
 
 def _of_log(named: LogName, names: tuple[str, ...], dbc: Path) -> tuple[Signal, ...]:
     messages = [_message(dbc, name) for name in names]
-    channels = read_log(named.path)
-    if named.channel is not None:
-        select_channel(named.path, channels, named.channel)
-        channels = {named.channel: channels[named.channel]}
-    there = [
-        logged
-        for logged in channels.values()
-        if all(_rows_of(message, logged).any() for message in messages)
-    ]
+    there = _having(named, messages)
     if len(there) != 1:
         wanted = " and ".join(dict.fromkeys(f"{m.name} (0x{m.frame_id:X})" for m in messages))
         if not there:
@@ -267,6 +300,17 @@ def _of_log(named: LogName, names: tuple[str, ...], dbc: Path) -> tuple[Signal, 
         _of_frames(named.path, name, message, there[0])
         for name, message in zip(names, messages, strict=True)
     )
+
+
+def _having(named: LogName, messages: Collection[Message]) -> list[Logged]:
+    """Return the channels of a log that have frames of all messages."""
+    logged = read_log(named.path)
+    if named.channel is not None:
+        select_channel(named.path, logged, named.channel)
+        logged = {named.channel: logged[named.channel]}
+    return [
+        one for one in logged.values() if all(_rows_of(message, one).any() for message in messages)
+    ]
 
 
 def _message(dbc: Path, name: str) -> Message:

@@ -35,6 +35,23 @@ def test_units_of_columns_are_those_of_their_names(csv):
     assert log.remarks == ("yaw_rate_deg_s: 1 rows without a number: left out",)
 
 
+def test_moments_have_their_names_and_units(tmp_path):
+    names = "commanded_front_knm,commanded_rear,delivered_moment_front_n_m,moment_rear"
+    path = tmp_path / "drive.csv"
+    path.write_text(f"{HEADER},{names}\n{ROWS[0]},1.5,2,3,4\n{ROWS[1]},1.5,2,3,4\n")
+    log = read(str(path), dict([choice_of("commanded_force_front_left=roll_rate:kN")]))
+    first = {n: c.values[0] for n, c in log.channels.items() if n.startswith(("comm", "deliv"))}
+    assert first == pytest.approx(
+        {
+            "commanded_front": 1500.0,
+            "commanded_rear": 2.0,
+            "delivered_front": 3.0,
+            "delivered_rear": 4.0,
+            "commanded_force_front_left": 10.0,
+        }
+    )
+
+
 def test_an_option_takes_another_column_reversed_and_in_its_unit(csv):
     log = read(csv, dict([choice_of("roll_rate=-roll_rate:deg/s")]))
     assert log.channels["roll_rate"].values[0] == pytest.approx(-np.radians(0.01))
@@ -90,6 +107,29 @@ def test_an_empty_value_after_the_last_column_is_none(tmp_path):
     assert read(str(path), {}).channels["speed"].values == pytest.approx(20.0)
 
 
+def test_channels_of_a_measurement_are_found_by_their_names(tmp_path):
+    mdf = pytest.importorskip("asammdf")
+    times = np.arange(5.0)
+    units = {"steering": "deg", "vx": "m/s", "yaw_rate": "rad/s", "ay": "g", "roll_rate": "deg/s"}
+    units |= {"moment_rear": "kNm", "other": "V"}
+    path = tmp_path / "drive.mf4"
+    with mdf.MDF() as file:
+        for name, unit in units.items():
+            file.append(mdf.Signal(np.ones(5), times, unit=unit, name=name))
+        file.save(path)
+    first = {name: channel.values[0] for name, channel in read(str(path), {}).channels.items()}
+    assert first == pytest.approx(
+        {
+            "steering": np.radians(1.0),
+            "speed": 1.0,
+            "yaw_rate": 1.0,
+            "lateral_acceleration": 9.80665,
+            "roll_rate": np.radians(1.0),
+            "delivered_rear": 1000.0,
+        }
+    )
+
+
 def test_a_bus_log_is_read_by_the_map_of_the_ecu(tmp_path):
     """Frames encoded by cantools and written by python-can."""
     files = dbc.PATH, dbc.PATH.with_suffix(".toml")
@@ -98,6 +138,9 @@ def test_a_bus_log_is_read_by_the_map_of_the_ecu(tmp_path):
     values = {
         "Imu": {"RollRate": 0.1, "LateralAcceleration": 2.0, "YawRate": -0.2},
         "VehicleMotion": {"VehicleSpeed": 20.0, "SteeringWheelAngle": 0.5},
+        "ActuatorState": {"DeliveredMomentFront": 700.0, "DeliveredMomentRear": -300.0},
+        # the forces of a suspension are not in it: the log of a car need not have every frame
+        "AntiRollBarCommand": {"TorqueFront": 800.0, "TorqueRear": -250.0},
     }
     with can.ASCWriter(str(path)) as writer:
         for i in range(5):
@@ -130,6 +173,10 @@ def test_a_bus_log_is_read_by_the_map_of_the_ecu(tmp_path):
             "yaw_rate": -0.2 * described["YawRate"],
             "speed": 20.0 * described["VehicleSpeed"],
             "steering": 0.5 * described["SteeringWheelAngle"],
+            "delivered_front": 700.0,
+            "delivered_rear": -300.0,
+            "commanded_front": 800.0,
+            "commanded_rear": -250.0,
         },
         abs=2e-3,
     )
