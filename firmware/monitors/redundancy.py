@@ -2,15 +2,17 @@
 
 The lateral acceleration is also yaw rate times speed, and what steering angle and speed give. In
 the tyres' linear range it is wrong where it lies far outside both; beyond, and long afterwards, as
-their own motion tells and never the accelerometer's, only an opposite sign of lateral acceleration
-and yaw rate that lasts is judged, which few slides show so long, and a sample that stays the same
-to the last bit while yaw rate times speed moves. Where both agree, turned away from where the car
-was steered to, and are the mirror image of what steering gives, the unit is reversed or replayed,
-or the angle is reversed. A wrong roll rate drives the observer's gyro bias to its bound, which no
-real bias comes near. A finding lasts until the next ``init``.
+their own motion tells and never the accelerometer's, only two things are judged. One is a sample
+that stays the same to the last bit while yaw rate times speed moves. The other is an opposite sign
+of lateral acceleration and yaw rate: a car that comes back from a slide shows it, and its sideslip
+changes by the yaw rate less the lateral acceleration over the speed; where that swing is larger
+than any that a driver can steer against, the acceleration is wrong. Where both agree, turned away
+from where the car was steered to, and are the mirror image of what steering gives, the unit is
+reversed or replayed, or the angle is reversed. A wrong roll rate drives the observer's gyro bias to
+its bound, which no real bias comes near. A finding lasts until the next ``init``.
 """
 
-from firmware.calibration import BYPASS, STATE_MAX, Calibration
+from firmware.calibration import BYPASS, Q_ACCELERATION, Q_SLIDE, Q_SPEED, STATE_MAX, Calibration
 from firmware.fixed_point import product, with_share
 from firmware.state import FIRST_FRAME, GYRO_BIAS, RX_IMU, Ecu
 from firmware.subset import clamp, i32, rsh, sat31
@@ -88,9 +90,11 @@ def watch_lateral_acceleration(ecu: Ecu, cal: Calibration) -> None:
         if gap(lateral, turning, steered) > limit:
             apart = 1
     ecu.apart_samples = lasting(ecu.apart_samples, apart, cal.apart_samples)
-    contrary: i32 = opposite(lateral, turning, cal.opposite_min)
-    ecu.opposite_samples = lasting(ecu.opposite_samples, contrary, cal.opposite_samples)
-    if ecu.apart_samples == cal.apart_samples or ecu.opposite_samples == cal.opposite_samples:
+    slide: i32 = 0
+    if opposite(lateral, turning, cal.opposite_min) == 1:
+        slide = sat31(ecu.slide + rsh(magnitude(turning - lateral), Q_ACCELERATION - Q_SLIDE))
+    ecu.slide = slide
+    if ecu.apart_samples == cal.apart_samples or slide > product(ecu.speed, cal.slide_max, Q_SPEED):
         ecu.lateral_contradicted = 1
 
 

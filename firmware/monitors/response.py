@@ -52,7 +52,7 @@ from firmware.monitors.redundancy import lasting, magnitude, side_of
 from firmware.monitors.rolling import ROLL_SIGNAL, YAW, measured, within
 from firmware.plausibility import NEEDED
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, Ecu
-from firmware.subset import i32, i64, rsh, sat31
+from firmware.subset import clamp, i32, i64, rsh, sat31
 
 # bit of ecu.valid of an Imu frame
 LATERAL_SIGNAL = 2
@@ -150,14 +150,24 @@ def start_parts(ecu: Ecu, damping: i32, moment: i32, lateral: i32, momentum: i32
     ecu.balance_past[DAMPERS] = damping
 
 
+def beyond_knee(cal: Calibration, one: i32, other: i32) -> i32:
+    """Return by how much two stroke rates are beyond the dampers' knee, together."""
+    fast: i32 = clamp(magnitude(one) - cal.response_knee, 0, STATE_MAX)
+    return sat31(fast + clamp(magnitude(other) - cal.response_knee, 0, STATE_MAX))
+
+
 def rough(ecu: Ecu, cal: Calibration) -> i32:
-    """Return what dampers may make of unequal strokes, by what rebound and bump differ.
+    """Return what dampers may make of unequal strokes, and of ones beyond their knee.
 
     Where the body only rolls or heaves both sides move alike, and rebound makes up for bump.
     """
     front: i32 = magnitude(magnitude(ecu.stroke_rate[0]) - magnitude(ecu.stroke_rate[1]))
     rear: i32 = magnitude(magnitude(ecu.stroke_rate[2]) - magnitude(ecu.stroke_rate[3]))
-    return shifted(front * cal.response_rough[0] + rear * cal.response_rough[1], 23)
+    made: i64 = front * cal.response_rough[0] + rear * cal.response_rough[1]
+    front = beyond_knee(cal, ecu.stroke_rate[0], ecu.stroke_rate[1])
+    rear = beyond_knee(cal, ecu.stroke_rate[2], ecu.stroke_rate[3])
+    made += front * cal.response_fast[0] + rear * cal.response_fast[1]
+    return shifted(made, 23)
 
 
 def watch_calm(ecu: Ecu, cal: Calibration, left: i32) -> None:

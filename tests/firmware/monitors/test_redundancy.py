@@ -11,7 +11,8 @@ from firmware.state import DEGRADED, GYRO_BIAS, RX_IMU, SAFE, Ecu
 
 ACCELERATION = 2**fw.Q_ACCELERATION
 SPEED = 20.0
-APART, OPPOSITE, BOUND = 8, 20, 10
+APART, BOUND = 8, 10
+SWING, PERIOD = 0.5, 0.01
 
 
 def watched(**changes: int) -> fw.Calibration:
@@ -21,7 +22,8 @@ def watched(**changes: int) -> fw.Calibration:
     cal.redundancy_share = 1 << fw.Q_SHARE - 1
     cal.redundancy_limit = round(5.0 * ACCELERATION)
     cal.opposite_min = round(1.5 * ACCELERATION)
-    cal.apart_samples, cal.opposite_samples, cal.bound_samples = APART, OPPOSITE, BOUND
+    cal.slide_max = round(SWING / PERIOD * 2**fw.Q_SLIDE)
+    cal.apart_samples, cal.bound_samples = APART, BOUND
     return cal
 
 
@@ -89,12 +91,14 @@ def test_a_wrong_acceleration_alone_cannot_switch_its_check_off():
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_an_opposite_sign_that_lasts_is_judged_at_the_limit_too(sign):
+def test_no_slide_swings_further_than_a_driver_can_steer_against(sign):
     cal = watched()
     ecu = moving(cal)
-    sample(ecu, cal, 9.0 * sign, -9.0 * sign, 0.0, count=OPPOSITE - 1)
+    # the sideslip changes by yaw rate less lateral acceleration over speed: 0.9 rad/s
+    count = int(SWING / (PERIOD * 18.0 / SPEED))
+    sample(ecu, cal, 9.0 * sign, -9.0 * sign, 0.0, count=count)
     sample(ecu, cal, 1.0 * sign, -9.0 * sign, 0.0)
-    sample(ecu, cal, 9.0 * sign, -9.0 * sign, 0.0, count=OPPOSITE - 1)
+    sample(ecu, cal, 9.0 * sign, -9.0 * sign, 0.0, count=count)
     assert ecu.lateral_contradicted == 0
     sample(ecu, cal, 9.0 * sign, -9.0 * sign, 0.0)
     assert ecu.lateral_contradicted == 1
@@ -152,7 +156,7 @@ def test_what_is_not_known_is_not_judged(state):
     ecu = moving(cal)
     for name, value in state.items():
         setattr(ecu, name, value)
-    sample(ecu, cal, 9.0, -9.0, -9.0, count=3 * OPPOSITE)
+    sample(ecu, cal, 9.0, -9.0, -9.0, count=60)
     assert ecu.lateral_contradicted == 0
 
 
@@ -162,7 +166,7 @@ def test_a_calibration_without_it_judges_nothing(change):
     ecu = moving(cal)
     for name, value in change.items():
         setattr(cal, name, value)
-    sample(ecu, cal, 9.0, -9.0, -9.0, count=3 * OPPOSITE)
+    sample(ecu, cal, 9.0, -9.0, -9.0, count=60)
     assert ecu.lateral_contradicted == 0
 
 
