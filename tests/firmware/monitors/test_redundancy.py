@@ -6,7 +6,8 @@ import rig
 from firmware import calibration as fw
 from firmware import plausibility as sv
 from firmware.com.signals import RX_SIGNALS
-from firmware.monitors.redundancy import gap, lasting, magnitude, opposite, watch_redundancy
+from firmware.fixed_point import magnitude
+from firmware.monitors.redundancy import gap, lasting, side_of, watch_redundancy
 from firmware.state import DEGRADED, GYRO_BIAS, RX_IMU, SAFE, Ecu
 
 ACCELERATION = 2**fw.Q_ACCELERATION
@@ -192,12 +193,7 @@ def test_the_arithmetic():
     assert [gap(value, -3, 5) for value in (7, 5, 0, -3, -4)] == [2, 0, 0, 0, 1]
     assert [magnitude(value) for value in (-(2**31), -2, 0, 2)] == [fw.STATE_MAX, 2, 0, 2]
     assert [lasting(2, 1, 5), lasting(5, 1, 5), lasting(5, 0, 5)] == [3, 5, 0]
-    assert [opposite(2, -2, 1), opposite(-2, 2, 1), opposite(2, 2, 1), opposite(2, -1, 1)] == [
-        1,
-        1,
-        0,
-        0,
-    ]
+    assert [side_of(*pair, 1) for pair in ((2, 2), (-2, -2), (2, 1), (2, -2))] == [1, -1, 0, 0]
 
 
 def mirror(**changes: int) -> fw.Calibration:
