@@ -39,6 +39,8 @@ Q_ACCELERATION = 24
 Q_MOMENT = 14
 Q_UNIT = 30
 Q_SPEED = 20
+# a sum of accelerations over samples
+Q_SLIDE = 18
 
 # states have 31 bits: the sum of two of them fits 32
 STATE_MIN = -(1 << 30)
@@ -298,8 +300,10 @@ class Calibration:
     opposite_min: Annotated[
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "least a_y and yaw rate times speed")
     ]
+    slide_max: Annotated[
+        i32, F(0, STATE_MAX, Q_SLIDE, "1/s", "largest swing of the sideslip, per sample's period")
+    ]
     apart_samples: Annotated[i32, F(1, 1000, 0, "", "outside both or frozen in a row that count")]
-    opposite_samples: Annotated[i32, F(1, 1000, 0, "", "of opposite sign in a row that count")]
     bound_samples: Annotated[i32, F(1, 1000, 0, "", "gyro bias at its bound in a row that count")]
     mirror_limit: Annotated[
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "no mirror image is judged above")
@@ -373,6 +377,12 @@ class Calibration:
     ]
     response_rough: Annotated[
         list[i32], 2, F(0, COEFFICIENT, 10, "N·s/m", "of it by which rebound differs from bump")
+    ]
+    response_knee: Annotated[
+        i32, F(0, STATE_MAX, Q_RATE, "m/s", "stroke rate beyond which dampers are not linear")
+    ]
+    response_fast: Annotated[
+        list[i32], 2, F(0, COEFFICIENT, 10, "N·s/m", "by which they fall behind beyond it")
     ]
     response_stretch: Annotated[
         i32, F(0, ONE, Q_UNIT, "", "change of the springs' moment a tick over damping moment")

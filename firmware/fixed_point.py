@@ -2,8 +2,13 @@
 
 from typing import Annotated
 
-from firmware.calibration import N_STATES, Q_SHARE
-from firmware.subset import i32, i64, sat31, scaled, tdiv
+from firmware.calibration import N_STATES, Q_SHARE, STATE_MAX
+from firmware.subset import absolute, clamp, i32, i64, sat31, scaled, tdiv
+
+
+def magnitude(value: i32) -> i32:
+    """Return the magnitude of ``value``, at most ``STATE_MAX``."""
+    return clamp(absolute(value), 0, STATE_MAX)
 
 
 def product(a: i32, b: i32, n: i32) -> i32:

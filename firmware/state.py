@@ -17,6 +17,7 @@ from firmware.calibration import (
     Q_ANGLE,
     Q_MOMENT,
     Q_RATE,
+    Q_SLIDE,
     Q_SPEED,
     Q_UNIT,
     STATE_MAX,
@@ -134,7 +135,9 @@ class Ecu:
     apart_samples: Annotated[
         i32, F(0, 1000, 0, "", "lateral acceleration outside both or frozen, in a row")
     ]
-    opposite_samples: Annotated[i32, F(0, 1000, 0, "", "yaw rate of opposite sign, in a row")]
+    slide: Annotated[
+        i32, F(0, STATE_MAX, Q_SLIDE, "m/s2", "yaw rate opposite to a_y: sum of how far apart")
+    ]
     frozen_lateral: Annotated[
         i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "last change of lateral acceleration")
     ]

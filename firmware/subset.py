@@ -124,6 +124,11 @@ def rsh(v: i64, n: i32) -> i64:
     return (v + (1 << (n - 1))) >> n
 
 
+def absolute(v: i64) -> i64:
+    """Return the magnitude of ``v``."""
+    return abs(v)
+
+
 def tdiv(a: i64, b: i64) -> i64:
     """Return a / b rounded towards zero, as C divides; ``b`` is not zero."""
     q = abs(a) // abs(b)

@@ -43,7 +43,7 @@ static void compare_lateral(canroll_ecu *ecu, const canroll_calibration *cal)
     const int32_t least = cal->opposite_min;
     const int32_t peak = larger(motion, ecu->motion_peak - ((ecu->motion_peak + 1024) >> 11));
     const int32_t now = larger(motion, ecu->motion_now - ((ecu->motion_now + 64) >> 7));
-    bool apart, opposite;
+    bool apart;
     ecu->motion_peak = peak;
     ecu->motion_now = now;
     /* the same to the last bit, at another yaw rate times speed */
@@ -57,10 +57,17 @@ static void compare_lateral(canroll_ecu *ecu, const canroll_calibration *cal)
         const int32_t far = with_share(cal->redundancy_min, now, cal->redundancy_share);
         apart |= told > larger(turning, steered) + far || told < smaller(turning, steered) - far;
     }
-    opposite = (told > least && turning < -least) || (told < -least && turning > least);
-    apart = in_a_row(&ecu->apart_samples, apart, cal->apart_samples);
-    if (in_a_row(&ecu->opposite_samples, opposite, cal->opposite_samples) || apart) {
+    if (in_a_row(&ecu->apart_samples, apart, cal->apart_samples)) {
         ecu->lateral_contradicted = 1;
+    }
+    /* a car that comes back from a slide: the sideslip that it would have had, times speed */
+    if ((told > least && turning < -least) || (told < -least && turning > least)) {
+        ecu->slide = bits_31(ecu->slide + ((smaller(size_of(turning - told), STATE_MAX) + 32) >> 6));
+        if (ecu->slide > state_of((int64_t)ecu->speed * cal->slide_max, 20)) {
+            ecu->lateral_contradicted = 1;
+        }
+    } else {
+        ecu->slide = 0;
     }
 }
 

@@ -63,6 +63,18 @@ static inline int32_t canroll_sat31(int64_t v)
     return canroll_sat31_32(canroll_sat32(v));
 }
 
+/* The magnitude of v, which is not the lowest number there is. */
+static inline int64_t canroll_abs(int64_t v)
+{
+    return (v < 0) ? -v : v;
+}
+
+/* The same where v has 32 bits. */
+static inline int32_t canroll_abs32(int32_t v)
+{
+    return (v < 0) ? -v : v;
+}
+
 /* v / 2^n rounded to nearest, halves upwards, for a constant n; 1 <= n <= 62. */
 static inline int64_t canroll_rsh(int64_t v, int32_t n)
 {

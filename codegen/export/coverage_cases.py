@@ -48,7 +48,7 @@ NEVER = -1
 FLIPPED = 8
 """Byte of the calibration, from its end, in which a bit flips."""
 COUNTS = (
-    *("apart_samples", "opposite_samples", "bound_samples", "delivery_samples"),
+    *("apart_samples", "bound_samples", "delivery_samples"),
     *("rolling_ticks", "response_ticks", "heave_ticks"),
 )
 """Samples in a row before a monitor accuses."""
@@ -234,6 +234,7 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         "redundancy_share": 0,
         "redundancy_limit": STATE_MAX,
         "opposite_min": 0,
+        "slide_max": 0,
         "delivery_window": 3,
         "delivery_min": 1,
         "rolling_min": 1,
@@ -266,6 +267,7 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         "steady_min": 1 << 26,
         "response_stroke": [0, 0],
         "response_rough": [0, 0],
+        "response_fast": [0, 0],
         "response_inertia": 0,
         "response_lateral": 1 << 21,
         "response_pass": ONE,

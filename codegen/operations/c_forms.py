@@ -62,6 +62,16 @@ def quotient(seen: Value, a: Expression, b: Expression) -> Expression:
     return binary("/", _signed(a), _signed(b), seen)
 
 
+def absolute(seen: Value, a: Expression) -> Expression:
+    """A magnitude, in 32 bits where it fits them."""
+    a = _signed(a)
+    if a.value.lo >= 0:
+        return a
+    if a.wide or not fits(seen, "i32"):
+        return Expression(f"canroll_abs({a.text})", PRIMARY, "i64", seen)
+    return Expression(f"canroll_abs32({a.text})", PRIMARY, "i32", seen)
+
+
 def rounded(seen: Value, a: Expression, count: Expression) -> Expression:
     """A rounding shift."""
     a = _signed(a)

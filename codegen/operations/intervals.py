@@ -93,6 +93,11 @@ def shift_rounded(v: Value, n: Value) -> Value:
     return Value(min(ends) - (n.lo != n.hi), max(ends) + (n.lo != n.hi))
 
 
+def absolute(v: Value) -> Value:
+    """absolute(v)."""
+    return Value(max(v.lo, -v.hi, 0), max(v.hi, -v.lo))
+
+
 def divide(a: Value, b: Value) -> Value:
     """tdiv(a, b) for nonzero divisors."""
     ends: list[int] = []

@@ -162,6 +162,9 @@ INTRINSICS: dict[str, Intrinsic] = {
             "rsh", ("i64", "i32"), subset.rsh, iv.shift_rounded, c_forms.rounded, _rounding
         ),
         Operation(
+            "absolute", ("i64",), subset.absolute, iv.absolute, c_forms.absolute, overflows=True
+        ),
+        Operation(
             "tdiv", ("i64", "i64"), subset.tdiv, iv.divide, c_forms.quotient, _division,
             overflows=True,
         ),

@@ -58,7 +58,7 @@ def refused(rule: int) -> CanrollError:
 
 
 MONITORS = (
-    *("redundancy_", "opposite_", "apart_", "bound_"),
+    *("redundancy_", "opposite_", "slide_", "apart_", "bound_"),
     *("mirror_", "clock_", "erratic_", "delivery_", "rolling_", "response_", "axles_", "heave_"),
 )
 LIMITS = ("envelope_", "steering_limit", *MONITORS)

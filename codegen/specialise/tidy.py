@@ -80,14 +80,19 @@ def _local(node: ast.stmt) -> str | None:
 
 
 def _declared_late(body: list[ast.stmt]) -> list[ast.stmt]:
-    """Declare a local where it gets the first value that is read, not one that is replaced."""
+    """Declare a local where it gets the first value that is read, in the branch that needs it."""
     body = list(body)
     for i, node in enumerate(body):
         body[i] = rebuilt(node, _declared_late)
         if isinstance(node, ast.AnnAssign) and node.value is not None and fold.pure(node.value):
             name = _local(node)
             later = next((k for k in range(i + 1, len(body)) if name in names([body[k]])), None)
-            if later is None or _local(body[later]) != name:
+            if later is None:
+                continue
+            if isinstance(node.value, ast.Constant) and _in_one_branch(body[later:], name or ""):
+                body[later] = _begun(body[later], name or "", node)
+                return _declared_late([*body[:i], *body[i + 1 :]])
+            if _local(body[later]) != name:
                 continue
             following = body[later]
             assert isinstance(following, ast.Assign | ast.AnnAssign) and following.value
@@ -95,6 +100,19 @@ def _declared_late(body: list[ast.stmt]) -> list[ast.stmt]:
                 body[later] = ast.AnnAssign(node.target, node.annotation, following.value, 1)
                 return _declared_late([*body[:i], *body[i + 1 :]])
     return body
+
+
+def _in_one_branch(body: list[ast.stmt], name: str) -> bool:
+    """Whether ``body`` begins with an ``if`` of which one branch alone has ``name``."""
+    first, *rest = body
+    if not isinstance(first, ast.If) or name in names([first.test, *rest]):
+        return False
+    return (name in names(first.body)) != (name in names(first.orelse))
+
+
+def _begun(node: ast.stmt, name: str, first: ast.stmt) -> ast.stmt:
+    """The ``if`` with ``first`` at the beginning of the branch that has ``name``."""
+    return rebuilt(node, lambda branch: [first, *branch] if name in names(branch) else branch)
 
 
 def _condition(test: ast.expr, yes: list[ast.stmt], no: list[ast.stmt]) -> list[ast.stmt]:

@@ -16,7 +16,7 @@ does not tell. A finding lasts until the next ``init``.
 """
 
 from firmware.calibration import Q_SHARE, STATE_MAX, Calibration
-from firmware.fixed_point import product, shifted
+from firmware.fixed_point import magnitude, product, shifted
 from firmware.monitors.balance import (
     ACTUATORS,
     AXLES,
@@ -28,7 +28,6 @@ from firmware.monitors.balance import (
     start_balance,
     stretch,
 )
-from firmware.monitors.redundancy import magnitude
 from firmware.monitors.rolling import within
 from firmware.state import Ecu
 from firmware.subset import i32, i64, rsh, sat31
@@ -70,7 +69,7 @@ def watch_axles(ecu: Ecu, cal: Calibration) -> None:
     # what axles do to opposite sides may be wrong to one
     own: i32 = magnitude(at_once(ecu, ACTUATORS, ecu.delivered[0], wash))
     other: i32 = magnitude(at_once(ecu, SIDE_FORCE, of_rear, wash))
-    shares: i64 = cal.response_share[5] * own + cal.response_share[5] * other
+    shares: i64 = cal.response_share[5] * (own + other)
     shares += cal.axles_rough * magnitude(stretched)
     wrong: i32 = sat31(shifted(shares, Q_SHARE) + by_side)
     leave_room(ecu, AXLES, wrong, rsh(wash, 1))

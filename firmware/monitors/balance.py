@@ -6,8 +6,8 @@ part alone is that part, passed alike: what it may be wrong by is a share of it.
 """
 
 from firmware.calibration import ONE, Q_SHARE, STATE_MAX, Calibration
-from firmware.fixed_point import product
-from firmware.monitors.redundancy import beyond, lasting, magnitude
+from firmware.fixed_point import magnitude, product
+from firmware.monitors.redundancy import beyond, lasting
 from firmware.state import Ecu
 from firmware.subset import clamp, i32, rsh, sat31
 

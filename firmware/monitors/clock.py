@@ -9,7 +9,7 @@ not at all are judged as such.
 """
 
 from firmware.calibration import Calibration
-from firmware.monitors.redundancy import magnitude
+from firmware.fixed_point import magnitude
 from firmware.plausibility import FAULT_SAMPLE_RATE_OFF
 from firmware.state import AGE_MAX, FIRST_FRAME, RX_IMU, Ecu
 from firmware.subset import clamp, i32, sat31

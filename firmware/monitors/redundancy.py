@@ -2,16 +2,18 @@
 
 The lateral acceleration is also yaw rate times speed, and what steering angle and speed give. In
 the tyres' linear range it is wrong where it lies far outside both; beyond, and long afterwards, as
-their own motion tells and never the accelerometer's, only an opposite sign of lateral acceleration
-and yaw rate that lasts is judged, which few slides show so long, and a sample that stays the same
-to the last bit while yaw rate times speed moves. Where both agree, turned away from where the car
-was steered to, and are the mirror image of what steering gives, the unit is reversed or replayed,
-or the angle is reversed. A wrong roll rate drives the observer's gyro bias to its bound, which no
-real bias comes near. A finding lasts until the next ``init``.
+their own motion tells and never the accelerometer's, only two things are judged. One is a sample
+that stays the same to the last bit while yaw rate times speed moves. The other is an opposite sign
+of lateral acceleration and yaw rate: a car that comes back from a slide shows it, and its sideslip
+changes by the yaw rate less the lateral acceleration over the speed; where that swing is larger
+than any that a driver can steer against, the acceleration is wrong. Where both agree, turned away
+from where the car was steered to, and are the mirror image of what steering gives, the unit is
+reversed or replayed, or the angle is reversed. A wrong roll rate drives the observer's gyro bias to
+its bound, which no real bias comes near. A finding lasts until the next ``init``.
 """
 
-from firmware.calibration import BYPASS, STATE_MAX, Calibration
-from firmware.fixed_point import product, with_share
+from firmware.calibration import BYPASS, Q_ACCELERATION, Q_SLIDE, Q_SPEED, STATE_MAX, Calibration
+from firmware.fixed_point import magnitude, product, with_share
 from firmware.state import FIRST_FRAME, GYRO_BIAS, RX_IMU, Ecu
 from firmware.subset import clamp, i32, rsh, sat31
 
@@ -24,11 +26,6 @@ EASING = 7
 # low-passes of the mirror image: the motion follows steering in 0.08 s, and 0.16 s are averaged
 FOLLOWING = 3
 AVERAGING = 4
-
-
-def magnitude(value: i32) -> i32:
-    """Return the magnitude of ``value``, at most ``STATE_MAX``."""
-    return clamp(value, clamp(-value, 0, STATE_MAX), STATE_MAX)
 
 
 def lasting(count: i32, bad: i32, samples: i32) -> i32:
@@ -54,12 +51,12 @@ def gap(value: i32, one: i32, other: i32) -> i32:
     return clamp(value - high, clamp(low - value, 0, STATE_MAX), STATE_MAX)
 
 
-def opposite(one: i32, other: i32, least: i32) -> i32:
-    """Return 1 where the two have opposite signs and both exceed ``least``."""
-    if one > least and other < -least:
+def side_of(one: i32, other: i32, least: i32) -> i32:
+    """Return 1 where both exceed ``least``, -1 where both are below its negative, else 0."""
+    if one > least and other > least:
         return 1
-    if one < -least and other > least:
-        return 1
+    if one < -least and other < -least:
+        return -1
     return 0
 
 
@@ -88,19 +85,14 @@ def watch_lateral_acceleration(ecu: Ecu, cal: Calibration) -> None:
         if gap(lateral, turning, steered) > limit:
             apart = 1
     ecu.apart_samples = lasting(ecu.apart_samples, apart, cal.apart_samples)
-    contrary: i32 = opposite(lateral, turning, cal.opposite_min)
-    ecu.opposite_samples = lasting(ecu.opposite_samples, contrary, cal.opposite_samples)
-    if ecu.apart_samples == cal.apart_samples or ecu.opposite_samples == cal.opposite_samples:
+    if ecu.apart_samples == cal.apart_samples:
         ecu.lateral_contradicted = 1
-
-
-def side_of(one: i32, other: i32, least: i32) -> i32:
-    """Return 1 where both exceed ``least``, -1 where both are below its negative, else 0."""
-    if one > least and other > least:
-        return 1
-    if one < -least and other < -least:
-        return -1
-    return 0
+    if side_of(lateral, -turning, cal.opposite_min) == 0:
+        ecu.slide = 0
+        return
+    ecu.slide = sat31(ecu.slide + rsh(magnitude(turning - lateral), Q_ACCELERATION - Q_SLIDE))
+    if ecu.slide > product(ecu.speed, cal.slide_max, Q_SPEED):
+        ecu.lateral_contradicted = 1
 
 
 def watch_side(ecu: Ecu, cal: Calibration, lateral: i32, turning: i32) -> None:
@@ -110,7 +102,7 @@ def watch_side(ecu: Ecu, cal: Calibration, lateral: i32, turning: i32) -> None:
     """
     side: i32 = side_of(lateral, turning, cal.mirror_min)
     if side != 0 and side != ecu.unit_side:
-        ecu.unit_away = opposite(lateral, ecu.steered_slow, 0)
+        ecu.unit_away = side_of(lateral, -ecu.steered_slow, 0) & 1
         ecu.unit_side = side
     if magnitude(lateral) <= cal.mirror_min and magnitude(turning) <= cal.mirror_min:
         ecu.unit_side = 0

@@ -26,7 +26,7 @@ springs do not change while the car drives. A rough road adds up in what is inte
 """
 
 from firmware.calibration import Q_SHARE, STATE_MAX, Calibration
-from firmware.fixed_point import product, shifted
+from firmware.fixed_point import magnitude, product, shifted
 from firmware.monitors.balance import (
     ACTUATORS,
     BODY,
@@ -48,11 +48,11 @@ from firmware.monitors.balance import (
     stretch,
     washout,
 )
-from firmware.monitors.redundancy import lasting, magnitude, side_of
+from firmware.monitors.redundancy import lasting, side_of
 from firmware.monitors.rolling import ROLL_SIGNAL, YAW, measured, within
 from firmware.plausibility import NEEDED
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, Ecu
-from firmware.subset import i32, i64, rsh, sat31
+from firmware.subset import clamp, i32, i64, rsh, sat31
 
 # bit of ecu.valid of an Imu frame
 LATERAL_SIGNAL = 2
@@ -107,7 +107,7 @@ def watch_model(ecu: Ecu, cal: Calibration, by_force: i32, left: i32) -> None:
     if ecu.model_ticks == cal.response_ticks:
         return
     right: i32 = 0
-    if sat31(magnitude(left) + cal.steady_min) < share(by_force, cal.steady_share[1]):
+    if magnitude(left) + cal.steady_min < share(by_force, cal.steady_share[1]):
         right = 1
     ecu.model_ticks = lasting(ecu.model_ticks, right, cal.response_ticks)
 
@@ -151,19 +151,25 @@ def start_parts(ecu: Ecu, damping: i32, moment: i32, lateral: i32, momentum: i32
 
 
 def rough(ecu: Ecu, cal: Calibration) -> i32:
-    """Return what dampers may make of unequal strokes, by what rebound and bump differ.
+    """Return what dampers may make of unequal strokes, and of ones beyond their knee.
 
     Where the body only rolls or heaves both sides move alike, and rebound makes up for bump.
     """
-    front: i32 = magnitude(magnitude(ecu.stroke_rate[0]) - magnitude(ecu.stroke_rate[1]))
-    rear: i32 = magnitude(magnitude(ecu.stroke_rate[2]) - magnitude(ecu.stroke_rate[3]))
-    return shifted(front * cal.response_rough[0] + rear * cal.response_rough[1], 23)
+    made: i64 = 0
+    for axle in range(2):
+        one: i32 = magnitude(ecu.stroke_rate[2 * axle])
+        other: i32 = magnitude(ecu.stroke_rate[2 * axle + 1])
+        made += magnitude(one - other) * cal.response_rough[axle]
+        one = clamp(one - cal.response_knee, 0, STATE_MAX)
+        other = clamp(other - cal.response_knee, 0, STATE_MAX)
+        made += (one + other) * cal.response_fast[axle]
+    return shifted(made, 23)
 
 
 def watch_calm(ecu: Ecu, cal: Calibration, left: i32) -> None:
     """Judge the slow balances once little is ``left`` of the start, nor may be of the model."""
     calm: i32 = 0
-    if sat31(ecu.balance_room[BODY] + magnitude(left)) < rsh(cal.steady_min, 1):
+    if ecu.balance_room[BODY] + magnitude(left) < rsh(cal.steady_min, 1):
         calm = 1
     ecu.balance_ticks[LATERAL] = lasting(ecu.balance_ticks[LATERAL], calm, cal.response_ticks)
     if ecu.balance_ticks[LATERAL] == cal.response_ticks:

@@ -12,8 +12,8 @@ stuck: no motion and no noise does that, at the tyres' limit neither. A finding 
 """
 
 from firmware.calibration import Q_SHARE, STATE_MAX, Calibration
-from firmware.fixed_point import product
-from firmware.monitors.redundancy import beyond, gap, lasting, magnitude, side_of
+from firmware.fixed_point import magnitude, product
+from firmware.monitors.redundancy import beyond, gap, lasting, side_of
 from firmware.plausibility import NEEDED
 from firmware.state import RX_IMU, RX_SUSPENSION_RATE, Ecu
 from firmware.subset import clamp, i32, sat31

@@ -9,7 +9,7 @@ from math import ceil
 
 import dbc
 from firmware import calibration as fw
-from gain_gen.calibration.rows import shares
+from gain_gen.calibration.rows import quantise, shares
 from gain_gen.laws import WITHOUT_ROLL_RATE
 from gain_gen.models.task import Task
 from gain_gen.monitors.residuals import LATERAL_TIME, LINEAR, lateral_gap
@@ -17,8 +17,8 @@ from gain_gen.monitors.uncertainty import Uncertainty
 
 OPPOSITE = 1.5
 """Magnitude of lateral acceleration and of yaw rate times speed that may not oppose, m/s²."""
-OPPOSITE_TIME, BOUND_TIME = 0.6, 0.1
-"""How long without a break, s: of opposite sign, gyro bias at its bound."""
+BOUND_TIME = 0.1
+"""How long the gyro bias may be at its bound without a break, s."""
 MIRROR_LINEAR = 10.0
 """Lateral acceleration by yaw rate or steering, m/s², up to which a mirror image is judged."""
 MIRROR = 0.5
@@ -54,13 +54,15 @@ def monitor_fields(task: Task, box: Uncertainty) -> dict[str, int | list[int]]:
     gap, share = lateral_gap(task.vehicle, box, task.tick)
     if task.observer == "reference":
         gap = 0.0
+    # a car comes back from no larger slide than its front wheels can be steered against
+    lock = task.vehicle.steering.angle_limit
     return {
         "redundancy_min": round(gap * 2.0**fw.Q_ACCELERATION),
         "redundancy_share": shares([share], "redundancy_share")[0],
         "redundancy_limit": round(LINEAR * 2.0**fw.Q_ACCELERATION),
         "opposite_min": round(OPPOSITE * 2.0**fw.Q_ACCELERATION),
+        "slide_max": quantise(lock / imu, fw.Q_SLIDE, 0, fw.STATE_MAX, name="slide_max"),
         "apart_samples": max(2, round(LATERAL_TIME / imu)),
-        "opposite_samples": max(2, round(OPPOSITE_TIME / imu)),
         "bound_samples": max(2, round(BOUND_TIME / imu)),
         "mirror_limit": round(MIRROR_LINEAR * 2.0**fw.Q_ACCELERATION),
         "mirror_min": round(MIRROR * 2.0**fw.Q_ACCELERATION),

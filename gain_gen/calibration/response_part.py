@@ -146,7 +146,10 @@ def _body(task: Task, box: Uncertainty, fast: Residual, slow: Residual, axles: R
 def _model(vehicle: Vehicle, tick: float) -> Fields:
     """Return the fields of the balance of moments on the body."""
     car, roll = car_of(vehicle), vehicle.design
-    ratio = vehicle.suspension.rebound_bump_ratio
+    suspension = vehicle.suspension
+    ratio = suspension.rebound_bump_ratio
+    # rebound or bump, whichever is stiffer than their mean, less its slope beyond the knee
+    falls = 2.0 * max(1.0, ratio) / (ratio + 1.0) * (1.0 - suspension.high_speed_ratio)
     strokes = [
         share * roll.roll_damping / track
         for share, track in zip(car.shares, car.tracks, strict=True)
@@ -159,6 +162,8 @@ def _model(vehicle: Vehicle, tick: float) -> Fields:
             coefficient(abs(ratio - 1.0) / (ratio + 1.0) * value, "response_rough")
             for value in strokes
         ],
+        "response_knee": round(suspension.knee_speed * 2.0**fw.Q_RATE),
+        "response_fast": [coefficient(falls * value, "response_fast") for value in strokes],
         "response_stretch": quantise(stretch, 30, 0, fw.ONE, name="response_stretch"),
         "response_lateral": coefficient(roll.roll_arm, "response_lateral"),
         "response_inertia": coefficient(inertia / LOW_PASS, "response_inertia"),

@@ -268,7 +268,7 @@ def calibration(
     # there and back, as a design has it
     cal.acknowledge_ticks = max(3, 2 * predict_steps + 2)
     cal.delivery_window, cal.delivery_samples, cal.response_ticks = 8, 4, 20
-    cal.apart_samples, cal.opposite_samples, cal.bound_samples = 8, 20, 10
+    cal.apart_samples, cal.bound_samples = 8, 10
     # as wide as it gets: tests of the law are not those of the envelope
     cal.envelope_moment = cal.envelope_slew = cal.envelope_outward = fw.STATE_MAX
     cal.envelope_age, cal.envelope_ticks = 1 << 20, 1 << 20

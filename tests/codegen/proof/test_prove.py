@@ -215,6 +215,7 @@ def test_intervals_hold_what_the_integers_give(a, b, c, n, m):
 
     holds(iv.add(va, vb), x + y)
     holds(iv.negate(va), -x)
+    holds(iv.absolute(va), subset.absolute(x))
     holds(iv.multiply(va, vb), x * y)
     holds(iv.hull(va, vb), x)
     for sign, result in (("&", x & y), ("|", x | y), ("^", x ^ y)):

@@ -236,6 +236,31 @@ def test_what_the_proof_never_reaches_is_cut(sample):
     ]
 
 
+def test_a_local_is_declared_in_the_only_branch_that_needs_it(sample):
+    program = load(
+        "sample",
+        sample.write(
+            """
+            def run(ecu: Ecu) -> i32:
+                moved: i32 = 0
+                if ecu.small > 3:
+                    moved = clamp(ecu.count, 0, 7)
+                    ecu.x[0] = moved + 1
+                if ecu.count > 100:
+                    ecu.x[1] = moved
+                return 0
+            """
+        ),
+    )
+    (node,) = cut(program, "sample")
+    assert ast.unparse(ast.fix_missing_locations(node)).splitlines()[1:] == [
+        "    if ecu.small > 3:",
+        "        moved: i32 = clamp(ecu.count, 0, 7)",
+        "        ecu.x[0] = moved + 1",
+        "    return 0",
+    ]
+
+
 def test_what_follows_a_call_in_a_condition_is_not_taken_for_certain(sample):
     program = load(
         "sample",

@@ -10,12 +10,15 @@ from itertools import product
 import numpy as np
 import pytest
 import rig
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.signal import StateSpace, lsim
 
 from firmware import calibration as fw
 from firmware.monitors.axles import watch_axles
 from firmware.monitors.balance import HEAVE
 from firmware.monitors.heave import watch_heave
+from firmware.monitors.response import rough
 from firmware.state import RX_IMU, Ecu
 from gain_gen.calibration.response_part import response_fields
 from gain_gen.models.task import Delay, Task
@@ -159,3 +162,22 @@ def test_a_hill_lifts_no_corner_of_softer_springs():
         watch_heave(ecu, cal)
     assert ecu.contradicted == [0, 0]
     assert ecu.balance_ticks[HEAVE] == 0
+
+
+@given(
+    rates=st.lists(st.floats(-2.0, 2.0), min_size=4, max_size=4),
+    name=st.sampled_from(["van_real", "car_2020"]),
+)
+def test_what_is_allowed_on_a_rough_road_covers_rebound_and_the_dampers_knee(rates, name):
+    vehicle = load(name)
+    cal, ecu = watched(vehicle)
+    suspension = vehicle.suspension
+    mean = 0.5 * (1.0 + suspension.rebound_bump_ratio)
+    slopes = np.where(np.array(rates) > 0.0, suspension.rebound_bump_ratio, 1.0) / mean
+    slow = np.clip(rates, -suspension.knee_speed, suspension.knee_speed)
+    # forces over those of linear dampers, front left, front right, rear left, rear right
+    forces = slopes * (slow + suspension.high_speed_ratio * (rates - slow)) - rates
+    by_axle = np.array(cal.response_stroke) / 2**10
+    moment = by_axle @ [forces[0] - forces[1], forces[2] - forces[3]]
+    ecu.stroke_rate = [round(rate * 2**fw.Q_RATE) for rate in rates]
+    assert abs(moment) <= rough(ecu, cal) / 2**fw.Q_MOMENT + 1.0

@@ -20,6 +20,7 @@ OF_AXLE = 0.35
 LIMIT_SHARES = 0.75, 0.25
 OF_FORCE, OF_MOMENTS, OF_SHOWN = (0.875, 0.01), 0.25, (0.625, 0.5, 0.3)
 ROUGH = 900.0, 500.0
+KNEE, FAST = 0.1, (1200.0, 800.0)
 AXLES_STRETCH, AXLES_DAMPING, AXLES_ROUGH = (900.0, 700.0), (2.5, 2.0), 2.0
 AXLES_SIDE = 40.0
 REAR, AT_CENTRES, YAW = 1.2, -150.0, 4000.0
@@ -47,6 +48,8 @@ def watched() -> fw.Calibration:
     cal.limit_share = shares(*LIMIT_SHARES)
     cal.steady_share, cal.lateral_share = shares(*OF_FORCE, OF_MOMENTS), shares(*OF_SHOWN)
     cal.response_rough = [round(value * 2**10) for value in ROUGH]
+    cal.response_knee = round(KNEE * 2**fw.Q_RATE)
+    cal.response_fast = [round(value * 2**10) for value in FAST]
     cal.response_stroke = [round(value * 2**10) for value in STROKE]
     cal.response_stretch = round(STRETCH * 2**30)
     cal.response_lateral, cal.response_inertia = round(ARM * 2**10), round(INERTIA * 2**10)
@@ -169,6 +172,8 @@ class Floats:
             b[balance.SPRINGS].room = 3.0 * ARM
         stretched = STRETCH * damping
         bumps = [abs(abs(strokes[2 * n]) - abs(strokes[2 * n + 1])) * ROUGH[n] for n in range(2)]
+        fast = [max(abs(stroke) - KNEE, 0.0) for stroke in strokes]
+        bumps += [(fast[2 * n] + fast[2 * n + 1]) * FAST[n] for n in range(2)]
         changed = b[balance.DAMPERS].new(damping, 1.0)
         b[balance.DAMPERS].room += (abs(changed) - b[balance.DAMPERS].room) / 1024.0
         slowly = b[balance.LATERAL].left_over(acting, momentum)

@@ -6,12 +6,14 @@ import rig
 from firmware import calibration as fw
 from firmware import plausibility as sv
 from firmware.com.signals import RX_SIGNALS
-from firmware.monitors.redundancy import gap, lasting, magnitude, opposite, watch_redundancy
+from firmware.fixed_point import magnitude
+from firmware.monitors.redundancy import gap, lasting, side_of, watch_redundancy
 from firmware.state import DEGRADED, GYRO_BIAS, RX_IMU, SAFE, Ecu
 
 ACCELERATION = 2**fw.Q_ACCELERATION
 SPEED = 20.0
-APART, OPPOSITE, BOUND = 8, 20, 10
+APART, BOUND = 8, 10
+SWING, PERIOD = 0.5, 0.01
 
 
 def watched(**changes: int) -> fw.Calibration:
@@ -21,7 +23,8 @@ def watched(**changes: int) -> fw.Calibration:
     cal.redundancy_share = 1 << fw.Q_SHARE - 1
     cal.redundancy_limit = round(5.0 * ACCELERATION)
     cal.opposite_min = round(1.5 * ACCELERATION)
-    cal.apart_samples, cal.opposite_samples, cal.bound_samples = APART, OPPOSITE, BOUND
+    cal.slide_max = round(SWING / PERIOD * 2**fw.Q_SLIDE)
+    cal.apart_samples, cal.bound_samples = APART, BOUND
     return cal
 
 
@@ -89,12 +92,14 @@ def test_a_wrong_acceleration_alone_cannot_switch_its_check_off():
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_an_opposite_sign_that_lasts_is_judged_at_the_limit_too(sign):
+def test_no_slide_swings_further_than_a_driver_can_steer_against(sign):
     cal = watched()
     ecu = moving(cal)
-    sample(ecu, cal, 9.0 * sign, -9.0 * sign, 0.0, count=OPPOSITE - 1)
+    # the sideslip changes by yaw rate less lateral acceleration over speed: 0.9 rad/s
+    count = int(SWING / (PERIOD * 18.0 / SPEED))
+    sample(ecu, cal, 9.0 * sign, -9.0 * sign, 0.0, count=count)
     sample(ecu, cal, 1.0 * sign, -9.0 * sign, 0.0)
-    sample(ecu, cal, 9.0 * sign, -9.0 * sign, 0.0, count=OPPOSITE - 1)
+    sample(ecu, cal, 9.0 * sign, -9.0 * sign, 0.0, count=count)
     assert ecu.lateral_contradicted == 0
     sample(ecu, cal, 9.0 * sign, -9.0 * sign, 0.0)
     assert ecu.lateral_contradicted == 1
@@ -152,7 +157,7 @@ def test_what_is_not_known_is_not_judged(state):
     ecu = moving(cal)
     for name, value in state.items():
         setattr(ecu, name, value)
-    sample(ecu, cal, 9.0, -9.0, -9.0, count=3 * OPPOSITE)
+    sample(ecu, cal, 9.0, -9.0, -9.0, count=60)
     assert ecu.lateral_contradicted == 0
 
 
@@ -162,7 +167,7 @@ def test_a_calibration_without_it_judges_nothing(change):
     ecu = moving(cal)
     for name, value in change.items():
         setattr(cal, name, value)
-    sample(ecu, cal, 9.0, -9.0, -9.0, count=3 * OPPOSITE)
+    sample(ecu, cal, 9.0, -9.0, -9.0, count=60)
     assert ecu.lateral_contradicted == 0
 
 
@@ -188,12 +193,7 @@ def test_the_arithmetic():
     assert [gap(value, -3, 5) for value in (7, 5, 0, -3, -4)] == [2, 0, 0, 0, 1]
     assert [magnitude(value) for value in (-(2**31), -2, 0, 2)] == [fw.STATE_MAX, 2, 0, 2]
     assert [lasting(2, 1, 5), lasting(5, 1, 5), lasting(5, 0, 5)] == [3, 5, 0]
-    assert [opposite(2, -2, 1), opposite(-2, 2, 1), opposite(2, 2, 1), opposite(2, -1, 1)] == [
-        1,
-        1,
-        0,
-        0,
-    ]
+    assert [side_of(*pair, 1) for pair in ((2, 2), (-2, -2), (2, 1), (2, -2))] == [1, -1, 0, 0]
 
 
 def mirror(**changes: int) -> fw.Calibration:
