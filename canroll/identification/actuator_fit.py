@@ -69,7 +69,7 @@ def response(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moved:
-    """What an axle's actuator was told and did: held commands, and samples of what it delivered."""
+    """An axle's actuator in a log: commands, held, and samples of the delivered moment."""
 
     times: Vector
     command: Vector
@@ -182,8 +182,7 @@ class _Problem:
         def slopes(at: Vector) -> NDArray[np.float64]:
             return np.concatenate((self.slopes(at) / scale, np.eye(at.size)))
 
-        found = least_squares(weighted, x, slopes, self.bounds, x_scale="jac")
-        return np.asarray(found.x)
+        return np.asarray(least_squares(weighted, x, slopes, self.bounds, x_scale="jac").x)
 
     def nearest(self, lag: float, around: float, reach: float) -> tuple[float, float]:
         """Return the least sum of squares with a lag, and its delay within ``reach`` (s)."""
@@ -248,11 +247,11 @@ def fitted(moved: Moved, sought: tuple[Unknown, ...], axle: str) -> Actuator:
     scores = score_covariance((scaled / scale)[:, None, :], left[:, None], every)
     fisher, free = scaled.T @ scaled, np.ones(x.size, bool)
     white = fisher * np.mean(left**2) / scale**2
-    told = Information(fisher, at_least(scores, white))
-    covariance = told.covariance(free)
+    content = Information(fisher, at_least(scores, white))
+    covariance = content.covariance(free)
     numbers = numbers_at(sought, x, covariance, free)
     # at so many deviations the squares over this scale rise by their square, were they a parabola
-    scale *= float(np.sqrt(covariance[0, 0])) / float(told.least(free)[0])
+    scale *= float(np.sqrt(covariance[0, 0])) / float(content.least(free)[0])
     far = _blurred(problem, x, scale, numbers[0].deviation)
     pairs = together(covariance, [unknown.label for unknown in sought])
     sizes = np.array([number.unknown.slope(number.value) for number in numbers])

@@ -204,17 +204,17 @@ def read(
     known = dict(choices)
     if map_file:
         mapped = _mapped(Path(dbc), Path(map_file))
-        own = {n: one.choice for n, one in mapped.items() if n in REQUIRED and n not in known}
+        own = {name: one for name, one in mapped.items() if name not in known}
+        known |= {name: one.choice for name, one in own.items() if name in REQUIRED}
         # a log may be without the frames of what it need not have
-        others = {n: one.choice for n, one in mapped.items() if n not in (*REQUIRED, *known)}
-        known |= own
         needed = [choice.name for choice in known.values()]
-        there = signal_file.carried(file, needed, [c.name for c in others.values()], dbc)
-        own |= {name: choice for name, choice in others.items() if choice.name in there}
-        known |= own
-        for name in own:
-            if mapped[name].refusal:
-                raise CanrollError(f"{map_file}: {mapped[name].refusal}")
+        others = [one.choice.name for name, one in own.items() if name not in REQUIRED]
+        there = signal_file.carried(file, needed, others, dbc)
+        for name, one in own.items():
+            if name in REQUIRED or one.choice.name in there:
+                known[name] = one.choice
+                if one.refusal:
+                    raise CanrollError(f"{map_file}: {one.refusal}")
     elif not dbc:
         there = signal_file.channels(file)
         for name, quantity in QUANTITIES.items():

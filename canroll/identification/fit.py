@@ -176,6 +176,7 @@ def fit(
     names = parts[0].names
     free, held = moved.others(settings.free), moved.others(settings.held)
     sought = unknowns.unknowns(vehicle, names, free=free, held=held)
+    of_car = np.array([not unknown.of_log for unknown in sought])
     model = Model(vehicle, parts, settings.imu, settings.window, sought)
     check(log, model)
     rounds = 0
@@ -188,17 +189,18 @@ def fit(
     with engine(LOCAL, settings.jobs) as where:
         simulator = Simulator(model, where, report)
         point, minima = _best(simulator, settings)
-        told = felt(fisher_at(simulator, point))
-        if not any(f and not unknown.of_log for f, unknown in zip(told, sought, strict=True)):
+        identifiable = felt(fisher_at(simulator, point))
+        if not (of_car & identifiable).any():
             raise CanrollError(
                 f"{log.name}: it says nothing of the car beyond what {vehicle.name} has: drive "
                 "with more steering"
             )
-        point = search(simulator, replace(point, x=_held(model, point.x, told)), told)
+        point = replace(point, x=_held(model, point.x, identifiable))
+        point = search(simulator, point, identifiable)
         progress("steps of the search", 1.0)
         content = information(simulator, point, partial(progress, "drives with other inputs"))
-    covariance = content.covariance(told)
-    numbers = numbers_at(sought, point.x, covariance, told)
+    covariance = content.covariance(identifiable)
+    numbers = numbers_at(sought, point.x, covariance, identifiable)
     name = Path(log.name).name
     slopes = np.array([number.unknown.slope(number.value) for number in numbers])
     scaled = covariance * np.outer(slopes, slopes)
@@ -206,7 +208,6 @@ def fit(
         numbers = (*numbers, moved.lag)
         scaled = np.asarray(block_diag(scaled, np.array([[moved.lag.deviation**2]])))
     car = fitted(vehicle, numbers, scaled, name)
-    of_car = np.array([not unknown.of_log for unknown in sought])
     labels = [unknown.label for unknown in sought if not unknown.of_log]
     curves, agreements, predictions = _compared(model, log, settings, point.x)
     unusual = (text.partition(";")[0] for text in implausible(car))

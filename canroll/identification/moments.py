@@ -23,7 +23,7 @@ from canroll.identification.drive_log import (
     SignalChoice,
 )
 from canroll.identification.log_checks import RELATED, option_of
-from canroll.identification.pieces import EVERYTHING, RUN_IN, Window
+from canroll.identification.pieces import EVERYTHING, RUN_IN, Window, newer
 from canroll.identification.unknowns import FittedNumber, Number, Unknown, is_known, of_key
 from canroll.typing import Vector
 from plant_sim.bodies.ports import AXLES
@@ -132,29 +132,29 @@ def moments(
         (other,) = {*DELIVERED} - {*there}
         remarks.append(f"{QUANTITIES[other].label}: not in the log, taken as 0")
     remarks += _outward(log)
-    lag, said = None, ""
-    if of_axles := _told(fits):
-        lag = _common(of_axles, replace(prior, least=actuator_fit.FASTEST))
+    lag = None
+    if lags := _identified_lags(fits):
+        lag = _common(lags, replace(prior, least=actuator_fit.FASTEST))
         if key in held or (is_known(vehicle, key) and key not in free):
-            said = (
+            remarks.append(
                 f"{key}: held at {prior.mean:.4g} s; the log has {lag.value:.4g} ± "
                 f"{lag.deviation:.2g} s"
             )
             lag = None
-        elif len(of_axles) > 1 and _apart(of_axles) > DIFFERENT:
-            said = (
+        elif len(lags) > 1 and _apart(lags) > DIFFERENT:
+            remarks.append(
                 f"{key}: the file has one lag for both axles, which differ: their mean is written"
             )
     return Moments(
         replace(log, channels=channels),
         tuple(fits.values()),
         lag,
-        (*remarks, said) if said else tuple(remarks),
+        tuple(remarks),
         key if fits else "",
     )
 
 
-def _told(fits: Mapping[str, Actuator]) -> list[FittedNumber]:
+def _identified_lags(fits: Mapping[str, Actuator]) -> list[FittedNumber]:
     """Return the lags that the log tells apart from their delays."""
     return [fit.numbers[0] for fit in fits.values() if fit.numbers[0].state == "identified"]
 
@@ -206,13 +206,10 @@ def _commands(log: Log, vehicle: Vehicle) -> dict[str, Channel]:
 
 def _moved(command: Channel, delivered: Channel, window: Window) -> Moved:
     """Return commands and what became of them, where both are known, after the run-in."""
-    times = np.maximum.accumulate(command.times)
-    new = np.concatenate(([True], np.diff(times) > 0.0))
-    times, values = times[new], command.values[new]
-    begin = max(times[0] + RUN_IN, window.begin)
-    at = np.maximum.accumulate(delivered.times)
-    inside = np.concatenate(([True], np.diff(at) > 0.0))
-    inside &= (at >= begin) & (at < window.end) & (at <= times[-1])
+    new = newer(command.times)
+    times, values = command.times[new], command.values[new]
+    begin, at = max(times[0] + RUN_IN, window.begin), delivered.times
+    inside = newer(at) & (at >= begin) & (at < window.end) & (at <= times[-1])
     return Moved(times, values, at[inside], delivered.values[inside])
 
 

@@ -138,6 +138,11 @@ def pieces(log: Log, window: Window) -> tuple[tuple[Piece, ...], tuple[str, ...]
     return tuple(_piece(clean, names, a, b) for a, b in parts), tuple(remarks)
 
 
+def newer(times: Vector) -> NDArray[np.bool_]:
+    """Return which times are later than all before them."""
+    return np.concatenate(([True], np.diff(np.maximum.accumulate(times)) > 0))
+
+
 def _cleaned(log: Log, name: str) -> _Clean:
     channel, label = log.channels[name], QUANTITIES[name].label
     times, values, remarks = channel.times, channel.values, []
@@ -152,7 +157,7 @@ def _cleaned(log: Log, name: str) -> _Clean:
             times[i + 1 :] += times[i] - times[i + 1] + GAP + 2 * usual
             resets.append(float(times[i]))
         remarks.append(f"{label}: its time is set back {back.size} times: cut there")
-    order = np.concatenate(([True], np.diff(np.maximum.accumulate(times)) > 0))
+    order = newer(times)
     times, values = times[order], values[order]
     if len(times) < 2:
         raise CanrollError(f"{log.name}: {channel.source}: its times do not increase")

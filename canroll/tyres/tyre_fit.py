@@ -16,10 +16,10 @@ from scipy.optimize import least_squares
 from canroll.errors import CanrollError
 from canroll.identification.colour import score_covariance
 from canroll.identification.information import (
-    IDENTIFIED,
     Information,
     at_least,
     felt,
+    numbers_at,
     together,
 )
 from canroll.identification.unknowns import FittedNumber, Unknown
@@ -163,7 +163,7 @@ def fit(
     scores = score_covariance((slopes / noise)[:, None, :], errors[:, None], ones)
     information = Information(white, at_least(scores, white))
     covariance = information.covariance(free)
-    numbers = tuple(_numbers(problem.sought, x, covariance, free))
+    numbers = numbers_at(problem.sought, x, covariance, free)
     deviations = np.array([one.deviation for one in problem.sought])
     tyre = Coefficients({**base.values, **problem.values(x)})
     if start is None:
@@ -334,20 +334,6 @@ def _begins(problem: _Problem) -> Iterator[Vector]:
                 one.coordinate(min(max(at[one.key], one.least), one.most)) if one.key in at else 0.0
                 for one in problem.sought
             ]
-        )
-
-
-def _numbers(
-    sought: tuple[Unknown, ...],
-    x: Vector,
-    covariance: NDArray[np.float64],
-    free: NDArray[np.bool_],
-) -> Iterator[FittedNumber]:
-    for i, unknown in enumerate(sought):
-        state = "identified" if covariance[i, i] < IDENTIFIED else "together"
-        deviation = unknown.deviation * float(np.sqrt(covariance[i, i]))
-        yield FittedNumber(
-            unknown, unknown.value(float(x[i])), deviation, state if free[i] else "kept"
         )
 
 

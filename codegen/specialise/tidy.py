@@ -85,12 +85,12 @@ def _declared_late(body: list[ast.stmt]) -> list[ast.stmt]:
     for i, node in enumerate(body):
         body[i] = rebuilt(node, _declared_late)
         if isinstance(node, ast.AnnAssign) and node.value is not None and fold.pure(node.value):
-            name = _local(node)
+            name = _local(node) or ""
             later = next((k for k in range(i + 1, len(body)) if name in names([body[k]])), None)
             if later is None:
                 continue
-            if isinstance(node.value, ast.Constant) and _in_one_branch(body[later:], name or ""):
-                body[later] = _begun(body[later], name or "", node)
+            if isinstance(node.value, ast.Constant) and _in_one_branch(body[later:], name):
+                body[later] = _begun(body[later], name, node)
                 return _declared_late([*body[:i], *body[i + 1 :]])
             if _local(body[later]) != name:
                 continue

@@ -233,10 +233,11 @@ def _given_way(car: Car, scratch: Vector) -> float:
 @inlined
 def _steer(travels: Vector, held: Vector, car: Car, scratch: Vector) -> None:
     """Turn the wheels by their toe and by what the steering gives way."""
+    given_way = _given_way(car, scratch)
     for wheel in range(4):
         steer = held[STEERED + wheel] + _angle(curves.TOE, wheel, travels, car, scratch)
         if wheel < 2:
-            steer += _given_way(car, scratch)
+            steer += given_way
         held[STEER_COS + wheel], held[STEER_SIN + wheel] = cos(steer), sin(steer)
 
 

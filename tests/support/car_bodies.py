@@ -6,8 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim import bodies
 from plant_sim.bodies import nonlinear_car as car
 from plant_sim.bodies import ports
+from plant_sim.world import open_loop
 from vehicles import Vehicle
 
 Array = NDArray[Any]
@@ -40,6 +42,20 @@ class Hinge(NamedTuple):
     centre: Array
     slide: Array
     turn: Array
+
+
+def steered(vehicle: Vehicle, steer: float, seconds: float, speed: float = 20.0) -> Any:
+    """State and outputs of the 14-DOF car some time after it began to steer, within half a second.
+
+    Steer in rad, speed at first in m/s.
+    """
+    body = bodies.body("nonlinear")
+    state, numbers = body.build(vehicle, speed)
+    inputs, outputs = ports.initial_inputs(), np.zeros(ports.N_OUTPUTS)
+    for k in range(round(seconds * 1e3)):
+        inputs[ports.STEER] = steer * min(k * 2e-3, 1.0)
+        open_loop.advance(body.step, state, inputs, numbers, outputs, 1e-3)
+    return state, outputs
 
 
 def pitched(angle: Any) -> Array:

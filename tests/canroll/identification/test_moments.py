@@ -93,9 +93,9 @@ def test_a_command_alone_acts_through_the_other_axles_actuator_else_through_the_
     both = {"commanded_front": COMMAND, "commanded_rear": COMMAND}
     alone = moments(log_of(**both), VAN)
     assert all("with the file's lag of 0.01 s" in text for text in alone.remarks)
-    beside = moments(log_of(**both, delivered_front=lagged(0.03, gain=0.8)), VAN)
-    assert any("through the actuator front" in text for text in beside.remarks)
-    for result, truth in ((alone, lagged(0.01)), (beside, lagged(0.03, gain=0.8))):
+    other = moments(log_of(**both, delivered_front=lagged(0.03, gain=0.8)), VAN)
+    assert any("through the actuator front" in text for text in other.remarks)
+    for result, truth in ((alone, lagged(0.01)), (other, lagged(0.03, gain=0.8))):
         rear = result.log.channels["delivered_rear"]
         expected = np.interp(rear.times, TIME, truth)
         assert np.std(rear.values - expected) < 30.0  # the sensor's noise, and the fit's
@@ -185,8 +185,8 @@ def test_a_constant_moment_leans_the_standing_body_by_its_stiffness():
 def test_without_its_moments_a_controlled_car_seems_stiffer(tmp_path):
     """A run on the bus is fitted as it was recorded; its stiffness is that of the vehicle."""
     bus = tmp_path / "drive.log"
-    told = ["--log", str(bus), "--out", str(tmp_path), "--no-trace"]
-    assert main(["run", "double_lane_change", "--vehicle", "van_real", *told]) == 0
+    options = ["--log", str(bus), "--out", str(tmp_path), "--no-trace"]
+    assert main(["run", "double_lane_change", "--vehicle", "van_real", *options]) == 0
     log = read(str(bus), {}, dbc=str(dbc.PATH), map_file=str(dbc.PATH.with_suffix(".toml")))
     free = ("plant.roll_stiffness", "plant.roll_damping")
     held = tuple(key for key in NUMBERS if key not in free)

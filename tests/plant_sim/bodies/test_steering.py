@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from support.car_bodies import steered
 
 import vehicles
 from plant_sim import bodies
@@ -43,15 +44,6 @@ def car(*, base="van_real", tyre=False, **front):
     return vehicles.load(given | ({"tyre": {"file": str(TYRE)}} if tyre else {}))
 
 
-def drive(vehicle, steer, seconds=2.0, speed=20.0):
-    state, numbers = BODY.build(vehicle, speed)
-    inputs, outputs = ports.initial_inputs(), np.zeros(ports.N_OUTPUTS)
-    for k in range(round(seconds * 1e3)):
-        inputs[ports.STEER] = steer * min(k * 2e-3, 1.0)
-        open_loop.advance(BODY.step, state, inputs, numbers, outputs, 1e-3)
-    return state, outputs
-
-
 def angles(vehicle, state, steer):
     """Turn of each wheel to the left (rad), from its force in its own axes and in the car's.
 
@@ -82,8 +74,8 @@ def leaning(vehicle, state):
 def test_a_table_of_constant_ratio_is_that_ratio():
     table = car(steering=steering(lambda steer: steer, points=7))
     assert table.steering.ratio == pytest.approx(RATIO, rel=1e-12)
-    found, wanted = (drive(each, 0.05)[1] for each in (table, car()))
-    np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9)
+    driven, wanted = (steered(each, 0.05, 2.0)[1] for each in (table, car()))
+    np.testing.assert_allclose(driven, wanted, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("steer", [0.07, -0.19])
@@ -92,7 +84,7 @@ def test_the_car_is_one_whose_road_wheels_are_turned_by_the_table(steer):
     wheel = np.linspace(-TURN, TURN, 145) / RATIO
     on_line = np.interp(steer, wheel * RATIO / vehicle.steering.ratio, list(map(quicker, wheel)))
     assert abs(on_line) > 1.005 * abs(steer)
-    state, _ = drive(vehicle, steer, seconds=0.5)
+    state, _ = steered(vehicle, steer, 0.5)
     inputs = ports.initial_inputs()
     rates = []
     for each, angle in ((vehicle, steer), (car(), on_line)):
@@ -108,7 +100,7 @@ def test_steering_wheel_of_a_circle_by_the_textbook():
     radius, plain = 30.0, car()
     vehicle = car(steering=steering(quicker))
     assert vehicle.understeer == plain.understeer
-    found = []
+    circles = []
     for lateral in (0.6, 1.2):
         speed = sqrt(lateral * radius)
         maneuver = build("constant_radius", vehicle, speed, radius=radius)
@@ -121,8 +113,8 @@ def test_steering_wheel_of_a_circle_by_the_textbook():
         assert wheel == pytest.approx(wanted, rel=0.005)
         # with the ratio on centre it would be another
         assert abs(wheel - RATIO * needed) > 0.02 * wheel
-        found.append((wheel, wanted))
-    (low, low_wanted), (high, high_wanted) = found
+        circles.append((wheel, wanted))
+    (low, low_wanted), (high, high_wanted) = circles
     assert high - low == pytest.approx(high_wanted - low_wanted, rel=0.1)
 
 
@@ -153,7 +145,7 @@ def test_with_ackermann_angles_the_front_wheels_slip_alike(side):
     length, track = vehicle.geometry.wheelbase, 2.0 * vehicle.geometry.half_track_front
     steer, apart = side * 0.12, []
     for each in (car(), vehicle):
-        state, outputs = drive(each, steer, seconds=4.0, speed=5.0)
+        state, outputs = steered(each, steer, 4.0, 5.0)
         left, right = np.arctan(state[nonlinear_car.SLIP : nonlinear_car.SLIP + 2])
         yaw_rate, vx = outputs[[ports.YAW_RATE, ports.VX]]
         across = outputs[ports.VY] + vehicle.geometry.cg_to_front_axle * yaw_rate
@@ -161,13 +153,13 @@ def test_with_ackermann_angles_the_front_wheels_slip_alike(side):
         # what the wheels' courses differ by, less what the wheels do
         turned = courses[0] - courses[1] - (right - left)
         apart.append((right - left, turned))
-    (parallel, none), (alike, found) = apart
+    (parallel, none), (alike, ackermann) = apart
     assert abs(none) < 1e-5 and parallel > radians(0.3)
     assert abs(alike) < 0.15 * parallel
     # cot of the outer less cot of the inner angle is track over wheelbase
     cot = 1.0 / tan(abs(steer))
     inner, outer = (atan(1.0 / (cot + sign * track / 2 / length)) for sign in (-1.0, 1.0))
-    assert found == pytest.approx(inner - outer, rel=2e-3)
+    assert ackermann == pytest.approx(inner - outer, rel=2e-3)
     assert road_wheels(vehicle, steer) == pytest.approx(side * 0.5 * (inner + outer), rel=1e-4)
 
 
@@ -179,7 +171,7 @@ def held(**more):
 def test_both_wheels_give_way_alike_to_the_sum_of_their_moments(tyre):
     base = {"base": "sedan_320i", "tyre": tyre}
     vehicle = car(**base, **held())
-    state, _ = drive(vehicle, 0.03)
+    state, _ = steered(vehicle, 0.03, 2.0)
     # one wheel slips much more than the other
     state[nonlinear_car.SLIP : nonlinear_car.SLIP + 2] = 0.1, 0.005
     turned, along, across = angles(vehicle, state, 0.03)
@@ -260,8 +252,8 @@ def test_steering_compliance_adds_the_term_of_the_textbook(tyre):
 
 def test_a_stiff_steering_is_none_and_a_softer_one_gives_way_by_its_stiffness():
     base = {"base": "sedan_320i"}
-    plain = drive(car(**base), 0.04)[1]
-    stiff = drive(car(**base, **held(torsional_stiffness=1e13)), 0.04)[1]
+    plain = steered(car(**base), 0.04, 2.0)[1]
+    stiff = steered(car(**base, **held(torsional_stiffness=1e13)), 0.04, 2.0)[1]
     np.testing.assert_allclose(stiff, plain, rtol=1e-6, atol=1e-6)
     changes = [
         car(**base, **held(torsional_stiffness=each)).understeer - car(**base).understeer
@@ -272,7 +264,7 @@ def test_a_stiff_steering_is_none_and_a_softer_one_gives_way_by_its_stiffness():
 
 def test_mirrored_steering_gives_the_mirrored_run():
     vehicle = car(base="sedan_320i", tyre=True, steering=steering(geometric(car())), **held())
-    left, right = (drive(vehicle, steer)[1] for steer in (0.05, -0.05))
+    left, right = (steered(vehicle, steer, 2.0)[1] for steer in (0.05, -0.05))
     for slot in (ports.Y, ports.YAW, ports.ROLL, ports.AY, ports.VY, ports.YAW_RATE):
         assert left[slot] == pytest.approx(-right[slot], rel=1e-9)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.balance import Balance
-from support.car_bodies import pitched, rolled
+from support.car_bodies import pitched, rolled, steered
 
 import vehicles
 from plant_sim import bodies
@@ -63,15 +63,6 @@ COMPLIANT = (
 WHOLE = tuple(one | other for one, other in zip(KINEMATIC, COMPLIANT, strict=True))
 
 
-def drive(vehicle, steer, seconds=1.5, speed=20.0):
-    state, numbers = BODY.build(vehicle, speed)
-    inputs, outputs = ports.initial_inputs(), np.zeros(ports.N_OUTPUTS)
-    for k in range(round(seconds * 1e3)):
-        inputs[ports.STEER] = steer * min(k * 2e-3, 1.0)
-        open_loop.advance(BODY.step, state, inputs, numbers, outputs, 1e-3)
-    return state, outputs
-
-
 def evaluated(vehicle, state, steer=0.0):
     inputs = ports.initial_inputs()
     inputs[ports.STEER] = steer
@@ -116,7 +107,7 @@ def moments(vehicle, load, ratio, slip, lean):
 @pytest.mark.parametrize(("both", "close"), [(KINEMATIC, 1e-9), (WHOLE, 2e-6)])
 def test_a_wheel_has_the_force_of_its_tyre_at_its_inclination_and_slip(both, close):
     vehicle = car(*both, tyre=True)
-    state, _ = drive(vehicle, 0.04)
+    state, _ = steered(vehicle, 0.04, 1.5)
     steer = 0.04
     inputs, results = evaluated(vehicle, state, steer)
     aside, load = of_wheels(results, nonlinear_car.R_LATERAL), of_wheels(results, 0)
@@ -240,7 +231,7 @@ def test_steer_by_aligning_torque_is_its_compliance_times_the_moment():
 
 def circling(vehicle, steer=0.03):
     """Steering beyond that of the curve per acceleration, mean moment of the front wheels alike."""
-    state, outputs = drive(vehicle, steer, seconds=6.0, speed=7.0)
+    state, outputs = steered(vehicle, steer, 6.0, 7.0)
     lateral = outputs[ports.AY]
     beyond = steer - vehicle.geometry.wheelbase * lateral / outputs[ports.VX] ** 2
     forces = moments(
@@ -256,8 +247,8 @@ def circling(vehicle, steer=0.03):
 def test_toe_of_a_straight_car_brakes_and_nothing_else():
     toe = 0.01
     wheels = travelling(toe=(toe, 0.0))
-    state, outputs = drive(car(wheels, wheels), 0.0, seconds=2.0)
-    plain_state, _ = drive(car(), 0.0, seconds=2.0)
+    state, outputs = steered(car(wheels, wheels), 0.0, 2.0)
+    plain_state, _ = steered(car(), 0.0, 2.0)
     left = outputs[ports.LATERAL_FORCE : ports.LATERAL_FORCE + 4]
     # toe-in pushes each wheel towards the middle
     assert (INWARDS * left > 100.0).all()
@@ -271,7 +262,7 @@ def test_toe_of_a_straight_car_brakes_and_nothing_else():
 @pytest.mark.parametrize("tyre", [False, True])
 def test_mirrored_steering_gives_the_mirrored_run(tyre):
     vehicle = car(*WHOLE, tyre=tyre)
-    left, right = (drive(vehicle, steer)[1] for steer in (0.05, -0.05))
+    left, right = (steered(vehicle, steer, 1.5)[1] for steer in (0.05, -0.05))
     for slot in (ports.Y, ports.YAW, ports.ROLL, ports.AY, ports.VY, ports.YAW_RATE):
         assert left[slot] == pytest.approx(-right[slot], rel=1e-10)
     for slot in (ports.WHEEL_LOAD, ports.TRAVEL):
