@@ -57,6 +57,7 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
         self._accept = accept
         self._files = dict(files or {})
         self._loaded: dict[str, Thing] = {}
+        self._registered: set[str] = set()
 
     @cached_property
     def _offered(self) -> Mapping[str, EntryPoint]:
@@ -106,6 +107,8 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
 
     def origin(self, name: str) -> Origin:
         """Return the origin of the object of that name without importing it."""
+        if name in self._registered:
+            return Origin("this program", "")
         if name in self._built_in:
             return Origin(BUILT_IN, self._built_in[name])
         if name in self._offered:
@@ -131,10 +134,12 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
     def __setitem__(self, name: str, thing: Thing) -> None:
         """Register an object for this process."""
         self._loaded[name] = thing
+        self._registered.add(name)
 
     def __delitem__(self, name: str) -> None:
         """Remove a registered object; built-in ones remain."""
         del self._loaded[name]
+        self._registered.discard(name)
 
     def __contains__(self, name: object) -> bool:
         """Whether that name is registered, or is a reference; nothing is imported."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import vehicles
 from canroll.arguments import checked
+from canroll.build_cache import kept, key, sources
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from gain_gen.analysis.family import Family, FamilyRow, family_of
 from gain_gen.analysis.fitted_family import with_draws
@@ -21,6 +22,9 @@ from gain_gen.models.controller import Controller
 from gain_gen.models.task import Check, Delay, Design, Solution, Task, in_words
 from vehicles import Vehicle
 
+SOURCES = ("gain_gen", "firmware", "vehicles", "dbc", "codegen")
+SOLVERS = ("numpy", "scipy", "cvxpy", "clarabel")
+"""What a design and its calibration are made with."""
 UNVERIFIED = "NOT VERIFIED"
 """Start of the warning that marks a design that is used although it is not verified."""
 STEP_DB = 1.0
@@ -44,7 +48,8 @@ def design(
 
     A built-in law whose loop fails a check on the family of cars is detuned step by step, with a
     note. A law of the user, from a file or in Python, and the gains of a paper are never changed:
-    they are refused, or marked where the task takes unverified ones.
+    they are refused, or marked where the task takes unverified ones. The design of a built-in law
+    is made once and kept, see :mod:`canroll.build_cache`.
 
     Args:
         law: its name.
@@ -61,6 +66,19 @@ def design(
         task = Task(vehicles.load(vehicle), delay)
     elif task is None or vehicle is not None or delay is not None:
         raise CanrollError("design needs a task, or else vehicle and delay")
+    if is_of_user(law, task):
+        return _designed(law, task)
+    of = sources(*SOURCES, packages=SOLVERS) + key(law, task)
+    return kept("designs", of, lambda: _designed(law, task))
+
+
+def is_of_user(law: str, task: Task) -> bool:
+    """Whether a design depends on code or a file of the user, which may change."""
+    return bool(task.matrices) or (law in LAWS and not LAWS.origin(law).is_built_in)
+
+
+def _designed(law: str, task: Task) -> Design:
+    """Return the verified design of a law for a task."""
     solve = LAWS[law]
     if task.observer not in OBSERVERS:
         raise UnknownNameError("observer", task.observer, OBSERVERS)

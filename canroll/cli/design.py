@@ -19,12 +19,12 @@ from canroll.report.page import PageTable
 from canroll.setup.bus_frames import profile_of
 from canroll.setup.choices import check as check_choices
 from canroll.setup.choices import chosen
-from canroll.setup.controller import options_of, stage_of, task_of
+from canroll.setup.controller import calibrated, options_of, stage_of, task_of
 from canroll.studies import equal_effort, variation
 from codegen.export.header import gains_header
 from codegen.generated import own_stage
 from gain_gen.calibration import calibration_file
-from gain_gen.calibration.freeze import calibrate, physical_notes, summary, title
+from gain_gen.calibration.freeze import physical_notes, summary, title
 from gain_gen.design import design
 from gain_gen.laws import LAWS
 from gain_gen.models.task import Check, Delay, Design, Task
@@ -66,10 +66,10 @@ def run(args: argparse.Namespace) -> int:
         return compare(args)
     choices = choices_of(args)
     stage = stage_of({}, choices)
-    answer = design(chosen(choices, "law"), design_task(args))
-    options = options_of(choices, answer.task.vehicle)
+    task = design_task(args)
+    options = options_of(choices, task.vehicle)
     box = options.uncertainty
-    record, tables = calibrate(answer, options)
+    answer, record, tables = calibrated(chosen(choices, "law"), task, options)
     checks = {name: Check(**entry) for name, entry in tables["verification"].items()}
     of_bus = profile_of(choices).warnings
     answer = replace(answer, verified=checks, warnings=(*of_bus, *tables["design"]["warnings"]))

@@ -1,8 +1,6 @@
 """The controller of a run, designed or read from a calibration file."""
 
-from collections import deque
 from collections.abc import Mapping
-from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +9,7 @@ import numpy as np
 
 import dbc
 import vehicles
+from canroll.build_cache import kept, key, recalled, sources
 from canroll.errors import CanrollError, VerdictError
 from canroll.setup.bus_frames import absent, profile_of
 from canroll.setup.choices import CHOICES, PASSIVE, check, chosen
@@ -25,8 +24,8 @@ from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE
 from gain_gen.calibration.calibration_file import LoadedCalibration, load
 from gain_gen.calibration.freeze import calibrate
 from gain_gen.calibration.quantise import ACTUATOR_NUMBER, QuantiseOptions
-from gain_gen.design import design, without_control
-from gain_gen.laws import WITHOUT_ROLL_RATE
+from gain_gen.design import SOLVERS, SOURCES, design, is_of_user, without_control
+from gain_gen.laws import LAWS, WITHOUT_ROLL_RATE
 from gain_gen.models.task import Delay, Design, Task
 from gain_gen.monitors.uncertainty import BY_STEERING, EVERY, of_vehicle, stated
 from plant_sim.can_bus.network.own_frames import bus_map
@@ -39,10 +38,6 @@ COMMANDS = {
     fw.VALVES: "ValveCommand",
 }
 """Message that a calibration's actuator is commanded by."""
-RECENT: deque[tuple[str, Task, Design]] = deque(maxlen=32)
-"""Designs of this process: a sweep uses the same one at every speed."""
-FROZEN: deque[tuple[Design, QuantiseOptions, Calibration, Mapping[str, Any]]] = deque(maxlen=32)
-"""Their calibrations, likewise."""
 COMMAND_TIMEOUT = 0.160
 """Age at which actuators release a command, s."""
 COUNTS = 15
@@ -258,12 +253,7 @@ def _designed(choices: Mapping[str, Any]) -> PreparedController:
     law = chosen(choices, "law")
     task = task_of(choices)
     options = options_of(choices, task.vehicle)
-    # without control the frames go on all the same
-    answer = without_control(task) if law == PASSIVE else _design(law, task)
-    if task.actuator == "valves" and not answer.controller.commands_axles:
-        # a moment law drives the bars' own torque loop, for a current is the rate of a moment
-        answer = replace(answer, task=replace(task, actuator="bars"))
-    record, tables = _frozen(answer, options)
+    _, record, tables = calibrated(law, task, options)
     return PreparedController(
         vehicle=task.vehicle,
         law=law,
@@ -277,24 +267,30 @@ def _designed(choices: Mapping[str, Any]) -> PreparedController:
     )
 
 
-def _design(law: str, task: Task) -> Design:
-    """Return the verified design, cached for equal tasks."""
-    for known_law, known_task, answer in RECENT:
-        if (known_law, known_task) == (law, task):
-            return answer
-    answer = design(law, task)
-    RECENT.append((law, task, answer))
-    return answer
+def calibrated(
+    law: str, task: Task, options: QuantiseOptions
+) -> tuple[Design, Calibration, Mapping[str, Any]]:
+    """Return the verified design of a law, its record for the ECU, and the tables of its file.
 
+    They are made once and kept: those of a built-in law on disk, of the user's in this process.
 
-def _frozen(answer: Design, options: QuantiseOptions) -> tuple[Calibration, Mapping[str, Any]]:
-    """Return a copy of the calibration of a design, whose checks run the integer loop."""
-    for known, given, record, tables in FROZEN:
-        if known is answer and given == options:
-            return deepcopy((record, tables))
-    record, tables = calibrate(answer, options)
-    FROZEN.append((answer, options, *deepcopy((record, tables))))
-    return record, tables
+    Raises:
+        CanrollError: options that contradict the law; numbers beyond the fixed-point formats.
+        VerdictError: the design fails its own checks.
+    """
+    of = key(law, task, options)
+
+    def make() -> tuple[Design, Calibration, Mapping[str, Any]]:
+        # without control the frames go on all the same
+        answer = without_control(task) if law == PASSIVE else design(law, task)
+        if task.actuator == "valves" and not answer.controller.commands_axles:
+            # a moment law drives the bars' own torque loop: a current is the rate of a moment
+            answer = replace(answer, task=replace(task, actuator="bars"))
+        return answer, *calibrate(answer, options)
+
+    if is_of_user(law, task):
+        return recalled(of + str(id(LAWS[law])).encode(), make)
+    return kept("calibrations", sources(*SOURCES, packages=SOLVERS) + of, make)
 
 
 def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> PreparedController:

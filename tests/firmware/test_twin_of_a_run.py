@@ -1,7 +1,5 @@
 """The moment of complete runs, bus and sensors and all, against the loop in float64."""
 
-from collections import deque
-
 import numpy as np
 import pytest
 import rig
@@ -110,16 +108,15 @@ class Watched:
 
 def watched_run(monkeypatch, scenario: str, **options) -> Watched:
     designs = []
-    calibrate = hil_controller.calibrate
+    calibrated = hil_controller.calibrated
 
-    def noting(design, *rest):
-        designs.append(design)
-        return calibrate(design, *rest)
+    def noting(*task):
+        designs.append(calibrated(*task))
+        return designs[-1]
 
-    monkeypatch.setattr(hil_controller, "calibrate", noting)
-    monkeypatch.setattr(hil_controller, "FROZEN", deque())
+    monkeypatch.setattr(hil_controller, "calibrated", noting)
     settings, controller = experiment.plan(scenario, backend="python", **options)
-    watched = Watched(controller.record, designs[-1])
+    watched = Watched(controller.record, designs[-1][0])
     monkeypatch.setattr(
         "canroll.runs.virtual_time.tick_rows",
         lambda times, images, record: np.zeros(len(images), TICK),

@@ -2,7 +2,6 @@
 
 import itertools
 import json
-from collections import deque
 from dataclasses import replace
 
 import can
@@ -308,10 +307,10 @@ def test_python_and_native_give_the_same_frames():
     assert np.array_equal(runs[0].controlled.ticks, runs[1].controlled.ticks)
 
 
-def test_an_equal_task_is_designed_once(monkeypatch):
+def test_an_equal_task_is_designed_once(monkeypatch, tmp_path):
     tasks = []
     original = prepared.design
-    monkeypatch.setattr(prepared, "RECENT", deque(maxlen=32))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(
         prepared, "design", lambda law, task: tasks.append(task) or original(law, task)
     )

@@ -1,0 +1,179 @@
+"""What is kept is what was made: damaged, foreign and linked entries are made anew."""
+
+import os
+import pickle
+import subprocess
+import sys
+from collections import OrderedDict
+from hashlib import sha256
+
+import pytest
+
+from canroll import build_cache
+
+NAME = sha256(b"same").hexdigest()
+
+
+class Trap:
+    """A pickle of it writes a file where it is loaded."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return open, (str(self.path), "w")
+
+
+@pytest.fixture
+def keep(monkeypatch, tmp_path):
+    """Return a function that keeps a value in a cache of its own, as a new process would."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("CANROLL_NO_CACHE", raising=False)
+    made = []
+
+    def kept(value, of=b"same"):
+        monkeypatch.setattr(build_cache, "_recent", OrderedDict())
+        return build_cache.kept("things", of, lambda: made.append(value) or value)
+
+    kept.made = made
+    return kept
+
+
+def entry():
+    (path,) = build_cache.folder("things").iterdir()
+    return path
+
+
+def test_a_result_is_made_once(keep):
+    assert [keep({"a": 1.5}), keep("other"), keep("new", b"else")] == [
+        {"a": 1.5},
+        {"a": 1.5},
+        "new",
+    ]
+    assert keep.made == [{"a": 1.5}, "new"]
+
+
+def test_what_is_returned_is_a_copy(keep):
+    keep([1])
+    again = keep(None)
+    again.append(2)
+    assert build_cache.kept("things", b"same", list) == [1]
+
+
+def test_an_error_is_not_kept(keep):
+    for _ in range(2):
+        with pytest.raises(ZeroDivisionError):
+            build_cache.kept("things", b"same", lambda: 1 / 0)
+    assert keep("made") == "made"
+
+
+@pytest.mark.parametrize("cut", [0, 1, 31, 32, 33, -1])
+def test_a_cut_entry_is_made_anew(keep, cut):
+    keep("first" * 100)
+    entry().write_bytes(entry().read_bytes()[:cut])
+    assert [keep("anew"), keep("later")] == ["anew", "anew"]
+
+
+def test_each_changed_byte_is_noticed(keep):
+    keep("first")
+    whole = entry().read_bytes()
+    for place in range(len(whole)):
+        entry().write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
+        assert keep(place) == place
+
+
+def test_a_foreign_pickle_is_not_loaded(keep, tmp_path):
+    keep("first")
+    entry().write_bytes(pickle.dumps(Trap(tmp_path / "sprung")))
+    assert keep("anew") == "anew"
+    assert not (tmp_path / "sprung").exists()
+
+
+@pytest.mark.parametrize("mode", [0o620, 0o602])
+def test_an_entry_that_others_may_write_is_not_read(keep, mode):
+    keep("first")
+    entry().chmod(mode)
+    assert keep("anew") == "anew"
+
+
+def test_an_entry_of_another_user_is_not_read(keep, monkeypatch):
+    keep("first")
+    if os.geteuid() != 0:
+        pytest.skip("needs root")
+    os.chown(entry(), 12345, -1)
+    assert keep("anew") == "anew"
+
+
+def test_a_link_or_pipe_in_place_of_an_entry_is_not_read(keep, tmp_path):
+    keep("first")
+    other = tmp_path / "other"
+    entry().rename(other)
+    place = other.parent / "canroll" / "things" / f"{NAME}.pickle"
+    place.symlink_to(other)
+    assert keep("anew") == "anew"
+    assert not place.is_symlink()
+    place.unlink()
+    os.mkfifo(place)
+    assert keep("once more") == "once more"
+
+
+@pytest.mark.parametrize("open_to_all", ["canroll", "canroll/things"])
+@pytest.mark.parametrize("mode", [0o770, 0o707])
+def test_a_folder_that_others_may_write_is_not_used(keep, tmp_path, open_to_all, mode):
+    keep("first")
+    (tmp_path / open_to_all).chmod(mode)
+    assert keep("anew") == "anew"
+
+
+def test_folders_are_of_the_user_alone(keep, tmp_path):
+    before = os.umask(0o002)
+    keep("first")
+    os.umask(before)
+    for folder in (tmp_path / "canroll", tmp_path / "canroll" / "things"):
+        assert folder.stat().st_mode & 0o777 == 0o700
+    assert entry().stat().st_mode & 0o777 == 0o600
+
+
+def test_judges_have_it_made_anew(keep, monkeypatch):
+    keep("kept")
+    monkeypatch.setenv("CANROLL_NO_CACHE", "1")
+    assert keep("anew") == "anew"
+    monkeypatch.delenv("CANROLL_NO_CACHE")
+    assert keep("never") == "kept"
+
+
+def test_a_killed_writer_leaves_nothing_that_is_read(keep, tmp_path):
+    program = (
+        "import os; from canroll import build_cache; "
+        "os.replace = lambda *_: os._exit(9); build_cache.kept('things', b'same', lambda: 1)"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 9
+    assert keep("anew") == "anew"
+
+
+def test_a_cache_that_cannot_be_written_changes_nothing(keep, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null")
+    assert keep("made", b"elsewhere") == "made"
+
+
+def test_keys_differ_by_each_bit_of_a_number():
+    values = [0.0, -0.0, 1.0, 1, True, "1", 1.0 + 2**-52, (1.0,), [1.0], None]
+    assert len({build_cache.key(value) for value in values}) == len(values)
+
+
+def test_keys_are_equal_in_every_process():
+    program = (
+        "from canroll import build_cache; import vehicles; "
+        "print(build_cache.key(vehicles.load('van_real'), {'b', 'a'} and ('a', 'b')).hex())"
+    )
+    seen = {
+        subprocess.run(
+            [sys.executable, "-c", program],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for seed in "123"
+    }
+    assert len(seen) == 1
