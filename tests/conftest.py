@@ -2,10 +2,12 @@
 
 import os
 import signal
+import subprocess
 from collections.abc import Iterator
 
 import pytest
 from hypothesis import settings
+from support.forked import Forked
 
 # the same examples on every machine, however slow it is
 settings.register_profile("reproducible", derandomize=True, deadline=None)
@@ -14,6 +16,8 @@ settings.load_profile("reproducible")
 # a shell starts what it puts into the background with SIGINT ignored, and so would be every
 # program that a test ends by it
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+subprocess.Popen = Forked  # type: ignore[misc]
 
 
 @pytest.fixture(autouse=True)

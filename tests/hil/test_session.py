@@ -15,6 +15,7 @@ from pathlib import Path
 import can
 import numpy as np
 import pytest
+from support.forked import real_processes
 
 import dbc
 from canroll.cli.main import main
@@ -33,7 +34,8 @@ def plant(programs, *arguments, serve="127.0.0.1:0"):
 
 def start_run(programs, *arguments):
     """A run of two programs, once both are under way: the program and its children's pids."""
-    run = programs("hil", "hil", *arguments)
+    with real_processes():  # which are told apart by their words
+        run = programs("hil", "hil", *arguments)
     run.wait_for("with control in")
     children = Path(f"/proc/{run.process.pid}/task/{run.process.pid}/children")
     pids = {}
