@@ -1,10 +1,26 @@
 #!/usr/bin/env bash
-# Lint, types and tests. Arguments go on to pytest: ./test.sh -m "not slow"
+# Sets up a fresh machine, then lint, types and tests: every behaviour once, ten minutes on two cores.
+#   ./test.sh --all       all that CI runs: references, whole tables of cases, browser, bundles
+#   ./test.sh [--all] …   what follows goes on to pytest, such as tests/firmware or -k trigger
 set -euo pipefail
 cd "$(dirname "$0")"
-scripts/setup-venv dev
-scripts/lint
+set=dev tier="not slow"
+if [ "${1:-}" = --all ]; then
+    shift
+    set=judges tier="not long"
+fi
+scripts/setup-venv "$set"
 # small matrices: threads of the linear algebra only wait for one another
 export OPENBLAS_NUM_THREADS=1
 case "$*" in *tests/*) exec .venv/bin/pytest "$@" ;; esac
-exec .venv/bin/pytest -n 2 --dist loadfile "$@"
+scripts/lint ruff format codespell shellcheck
+types=$(mktemp)
+trap 'rm -f "$types"' EXIT
+scripts/lint mypy >"$types" 2>&1 &
+checker=$! code=0
+.venv/bin/pytest -n 2 --dist loadfile --durations=10 --durations-min=1 -m "$tier" "$@" || code=$?
+if ! wait "$checker"; then
+    cat "$types"
+    [ "$code" != 0 ] || code=1
+fi
+exit "$code"

@@ -27,7 +27,9 @@ bound=(canroll timing --bound --ticks 100000)
 for name in "${@:-tests differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting fuzz_firmware exchange hostile_files guided_files kills endurance}"; do
     for part in $name; do
         case $part in
-            tests) keep long_tests pytest -m long -n 2 --dist loadfile --durations=0 ;;
+            tests)
+                keep long_tests pytest -m long -n 2 --dist loadfile --durations=0
+                keep long_properties pytest -m hypothesis --hypothesis-profile=long -n 2 ;;
             differential) keep differential python -m tools.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
             mutation) keep mutation python -m tools.mutation ;;
             worst_case)

@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+from collections import Counter
 from collections.abc import Iterator
 
 import pytest
@@ -10,7 +11,8 @@ from hypothesis import settings
 from support.forked import Forked
 
 # the same examples on every machine, however slow it is
-settings.register_profile("reproducible", derandomize=True, deadline=None)
+settings.register_profile("reproducible", derandomize=True, deadline=None, max_examples=60)
+settings.register_profile("long", settings.get_profile("reproducible"), max_examples=400)
 settings.load_profile("reproducible")
 
 # a shell starts what it puts into the background with SIGINT ignored, and so would be every
@@ -18,6 +20,7 @@ settings.load_profile("reproducible")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 subprocess.Popen = Forked  # type: ignore[misc]
+REPORTER = pytest.StashKey[pytest.TerminalReporter]()
 
 
 @pytest.fixture(autouse=True)
@@ -52,12 +55,35 @@ def not_allowed(reporter: pytest.TerminalReporter) -> list[pytest.TestReport]:
     return [report for report in skipped if "outside" not in report.keywords]
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
+    config.stash[REPORTER] = terminalreporter
     skipped = not_allowed(terminalreporter)
     if os.environ.get("CANROLL_NO_SKIP") and skipped:
         for report in skipped:
-            reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr
-            terminalreporter.write_line(f"skipped where nothing may be: {report.nodeid}: {reason}")
+            terminalreporter.write_line(
+                f"skipped where nothing may be: {report.nodeid}: {reason(report)}"
+            )
+
+
+def reason(report: pytest.TestReport) -> str:
+    """Why a test is skipped."""
+    told = report.longrepr
+    return str(told[2] if isinstance(told, tuple) else told).removeprefix("Skipped: ")
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Say last what this machine or this tier leaves untested."""
+    reporter = config.stash.get(REPORTER, None)
+    if reporter is None:
+        return
+    counted = Counter(map(reason, reporter.stats.get("skipped", [])))
+    parts = [f"{count} {why}" for why, count in counted.most_common()]
+    if "not slow" in config.getoption("markexpr"):
+        parts.append("what ./test.sh --all adds")
+    if parts:
+        reporter.write_line(f"not tested: {'; '.join(parts)}")
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

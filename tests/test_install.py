@@ -13,7 +13,7 @@ import pytest
 from codegen.run import cortex
 from tools.floors import PACKAGES
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 ROOT = Path(__file__).parents[1]
 INSTALLED = [package for package in PACKAGES if package != "tools"]

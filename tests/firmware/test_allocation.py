@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import rig
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware import calibration as fw
@@ -49,7 +49,6 @@ def axle_moments(force: np.ndarray, tracks=(1.638, 1.638)) -> np.ndarray:
     return (force * SIDES * half).reshape(2, 2).sum(axis=1)
 
 
-@settings(max_examples=150, deadline=None)
 @given(moments, shares, tracks, tracks)
 def test_what_is_asked_is_given_while_nothing_clips(moment, share, front, rear):
     cal = suspension(share, [4000.0] * 4, tracks=(front, rear))
@@ -62,7 +61,6 @@ def test_what_is_asked_is_given_while_nothing_clips(moment, share, front, rear):
     np.testing.assert_allclose(force[[0, 2]], -force[[1, 3]], atol=0.01)
 
 
-@settings(max_examples=200, deadline=None)
 @given(moments, shares, limits, st.sets(st.integers(0, 3)), st.floats(0.0, 1.0))
 def test_limits_hold_and_nothing_is_given_beyond_the_wish(moment, share, limit, failed, slack):
     cal = suspension(share, limit, slack)
@@ -77,7 +75,6 @@ def test_limits_hold_and_nothing_is_given_beyond_the_wish(moment, share, limit, 
     assert np.all(np.abs(given) <= (np.array([share, 1 - share]) + slack) * abs(moment) + 0.02)
 
 
-@settings(max_examples=150, deadline=None)
 @given(moments, st.floats(0.2, 0.8), limits)
 def test_with_free_slack_all_that_can_be_given_is(moment, share, limit):
     force = forces(suspension(share, limit, slack=1.0), moment)
@@ -115,7 +112,6 @@ def bars(cal, moment, outputs=None, failed=()):
     return np.array(ecu.bar) / Q14
 
 
-@settings(max_examples=100, deadline=None)
 @given(moments, shares, st.floats(0.0, 8000.0), st.floats(0.0, 8000.0))
 def test_bars_share_a_moment_within_their_limits(moment, share, front_max, rear_max):
     cal = rig.calibration(
@@ -172,7 +168,6 @@ def currents(moment, rates, share=0.5, failed=()):
 stroke_rates = st.lists(st.floats(-2.0, 2.0), min_size=4, max_size=4)
 
 
-@settings(max_examples=150, deadline=None)
 @given(moments, stroke_rates, shares)
 def test_dampers_give_what_their_direction_lets_them(moment, rates, share):
     """The four conditions of Yim 2020: between soft and firm where the wish brakes, else soft."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import rig
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 
@@ -204,7 +204,6 @@ shares = st.lists(st.integers(0, 1 << 30), min_size=8, max_size=8)
 steering = st.lists(st.integers(-(1 << 28), 1 << 28), min_size=8, max_size=8)
 
 
-@settings(max_examples=200, deadline=None)
 @given(speeds, st.tuples(factors, shares, steering), st.integers(1, 8), st.integers(0, 70 << 20))
 def test_schedule_interpolates_and_holds_its_ends(grid, values, points, speed):
     gains, front, steer = values

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import rig
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware import calibration as fw
@@ -20,7 +20,6 @@ RULE = {
 moments = st.floats(-60000.0, 60000.0)
 
 
-@settings(max_examples=150, deadline=None)
 @given(moments, moments, moments, moments)
 def test_the_rule_compares_with_what_was_sent(u0, u1, s0, s1):
     ecu = rig.started(rig.calibration(**RULE))

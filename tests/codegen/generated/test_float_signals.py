@@ -10,7 +10,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from support import compiled_states, float_bus
 from support.bundles import make
@@ -63,7 +63,6 @@ def test_the_program_is_proved(firmware):
     assert not prove(firmware.program()).findings
 
 
-@settings(max_examples=300, deadline=None)
 @given(first=reals, second=reals)
 def test_fields_are_what_cantools_decodes(firmware, database, first, second):
     data = first + second[::-1]

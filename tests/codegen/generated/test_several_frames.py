@@ -8,7 +8,7 @@ import sys
 import cantools
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from support import compiled_states
 
@@ -155,7 +155,6 @@ def test_the_program_keeps_the_rules_and_is_proved(firmware):
     assert not prove(program).findings
 
 
-@settings(max_examples=200, deadline=None)
 @given(data=st.binary(min_size=8, max_size=8))
 def test_a_mean_and_a_validity_are_what_cantools_decodes(firmware, data):
     ecu = firmware.record()

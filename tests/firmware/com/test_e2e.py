@@ -6,7 +6,7 @@ import math
 import pytest
 import rig
 from e2e import p01
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import dbc
@@ -119,7 +119,6 @@ def follow(max_delta: int, repeated: int, sync: int, steps, counter: int = 0) ->
         )
 
 
-@settings(max_examples=150, deadline=None)
 @given(
     st.integers(1, 14),
     st.integers(0, 14),

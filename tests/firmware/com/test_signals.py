@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import rig
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware.com import signals
@@ -43,7 +43,6 @@ def stored(ecu: Ecu, name: str, element: int | None) -> int:
 
 
 @pytest.mark.parametrize("name", RECEIVED)
-@settings(max_examples=60, deadline=None)
 @given(st.binary(min_size=8, max_size=8))
 def test_any_bytes_unpack_to_what_cantools_decodes(name, payload):
     message = rig.DATABASE.get_message_by_name(name)
@@ -108,7 +107,6 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("slot", COMMANDS)
-@settings(max_examples=60, deadline=None)
 @given(st.data())
 def test_packed_commands_read_back_within_half_a_step(slot, data):
     name, count, names, step, limit = COMMANDS[slot]

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomli_w
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import vehicles
@@ -53,7 +53,6 @@ def calibrated(lqr):
     return calibrate(lqr)
 
 
-@settings(max_examples=200, deadline=None)
 @given(
     values=st.lists(
         st.floats(-1e6, 1e6).filter(lambda v: v == 0.0 or abs(v) > 1e-9), min_size=1, max_size=6

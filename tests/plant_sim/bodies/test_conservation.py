@@ -5,7 +5,7 @@ The balances are those of :mod:`support.balance`, from the vehicle's data.
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from support.balance import Balance
 
@@ -134,7 +134,6 @@ def on_every_road(test):
         ids=["flat", "bumpy", "banked and graded", "toe and steering by tables"],
     )
 
-    @settings(max_examples=60, deadline=None)
     @given(st.data())
     def driven(inputs, cars, data):
         test(data.draw(balances(inputs, cars)))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from support.car_bodies import axles_of
 
@@ -245,7 +245,6 @@ CARS = st.tuples(
 )
 
 
-@settings(max_examples=100, deadline=None)
 @given(CARS)
 def test_momentum_and_its_moment_about_the_road_change_by_the_road_alone(drawn):
     """The linear balances, with masses at their heights and loads where the contact patches are."""

@@ -29,7 +29,6 @@ FACTOR = st.floats(0.5, 2.0)
 
 
 @given(st.sampled_from(KEYS), ANYTHING)
-@settings(max_examples=150, deadline=None)
 def test_any_value_is_loaded_or_refused_in_one_line(where, value):
     table = tomllib.loads(TEXT)
     section, key = where
@@ -43,7 +42,7 @@ def test_any_value_is_loaded_or_refused_in_one_line(where, value):
 
 
 @given(st.lists(st.tuples(st.sampled_from(KEYS), FACTOR), min_size=1, max_size=4))
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(suppress_health_check=[HealthCheck.too_slow])
 def test_every_accepted_vehicle_stands_on_four_wheels_and_turns_left(changes):
     table = tomllib.loads(TEXT)
     for (section, key), factor in changes:

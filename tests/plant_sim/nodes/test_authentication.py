@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cryptography.hazmat.primitives.ciphers import Cipher, algorithms, modes
 from cryptography.hazmat.primitives.cmac import CMAC
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import dbc
@@ -38,7 +38,6 @@ def verified(auth, frame, t_ns=LATER, row=IMU):
     return authentication.verify(auth, TABLES, row, frame, t_ns)
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.binary(min_size=16, max_size=16), st.binary(min_size=16, max_size=16))
 def test_a_block_is_that_of_another_aes(key, block):
     auth = nodes(key=key)
@@ -48,7 +47,6 @@ def test_a_block_is_that_of_another_aes(key, block):
     assert bytes(auth.block.tolist()) == judge.update(block)
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.binary(min_size=16, max_size=16),
     st.binary(min_size=8, max_size=8),

@@ -42,7 +42,6 @@ def raw_messages(draw):
     return message, raw
 
 
-@settings(max_examples=400, deadline=None)
 @given(raw_messages())
 def test_encode_and_decode_agree_with_cantools(case):
     message, raw = case

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -23,7 +23,6 @@ def motion_of(inputs, outputs, arm):
     return motion
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.tuples(angle, angle),
     st.tuples(triple, triple),

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from plant_sim.buses.topology import BusGateway, BusSegment, TimeSpread, Topology
@@ -242,7 +242,6 @@ def message_on(draw, place, segment, fifo):
     )
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
 @given(networks(), st.booleans(), st.integers(0, 100))
 def test_no_arrival_and_no_age_is_above_its_bound(drawn, worst_case_lengths, seed):
     topology, ways, tick_ns = drawn

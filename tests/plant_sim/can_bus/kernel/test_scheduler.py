@@ -297,7 +297,6 @@ def offered(draw):
     return sorted(frames, key=lambda f: f[1])
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     frames=offered(),
     policy=st.sampled_from(["priority", "fifo", "replace"]),

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from plant_sim.can_bus.bounds.analysis import response_bounds, worst_case_utilisation
@@ -52,7 +52,6 @@ def sets(draw):
     return found, rates, tick_ms
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
 @given(sets(), st.booleans(), st.integers(0, 100))
 def test_no_age_and_no_response_is_above_its_bound(drawn, longest, seed):
     found, rates, tick_ms = drawn
