@@ -5,7 +5,7 @@
 #                                  hostile_files guided_files kills endurance
 set -euo pipefail
 cd "$(dirname "$0")/.."
-scripts/setup-venv dev
+scripts/setup-venv judges
 mkdir -p docs/evidence
 export PATH="$PWD/.venv/bin:$PATH" COLUMNS=110
 

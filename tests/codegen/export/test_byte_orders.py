@@ -16,6 +16,8 @@ from codegen.run import ecu_traffic
 from codegen.run.bus_firmware import of_bus
 from gain_gen.calibration import calibration_file
 
+pytestmark = pytest.mark.long
+
 RECORD = ecu_traffic.random_calibration(7)
 MACHINES = {
     "big-endian": ("powerpc-linux-gnu-gcc", "qemu-ppc", "gcc-powerpc-linux-gnu"),
@@ -74,7 +76,6 @@ def built(folder, files, order, image):
     return [MACHINES[order][1], image]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("order", MACHINES)
 def test_every_program_of_the_bundle_passes(folder, order, tmp_path):
     passed = set()
