@@ -23,6 +23,7 @@ from canroll.setup.controller import options_of, stage_of, task_of
 from canroll.studies import equal_effort, variation
 from codegen.export.header import gains_header
 from codegen.generated import own_stage
+from gain_gen.analysis.speed_schedule import with_speed_rate
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import calibrate, physical_notes, summary, title
 from gain_gen.design import design
@@ -66,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         return compare(args)
     choices = choices_of(args)
     stage = stage_of({}, choices)
-    answer = design(chosen(choices, "law"), design_task(args))
+    answer = with_speed_rate(design(chosen(choices, "law"), design_task(args)))
     options = options_of(choices, answer.task.vehicle)
     box = options.uncertainty
     record, tables = calibrate(answer, options)
@@ -156,7 +157,7 @@ def _designed(task: Task) -> dict[str, Design | CanrollError]:
 
 def _compared(law: str, answer: Design | CanrollError) -> dict[str, Any]:
     if isinstance(answer, Design):
-        return summary(answer)
+        return summary(with_speed_rate(answer))
     return {"law": law, "refused": str(answer)}
 
 
