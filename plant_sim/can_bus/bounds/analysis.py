@@ -175,7 +175,9 @@ class _Round:
         higher: Sequence[Demand] = [self.others[i] for i in chosen]
         if self.offsets:
             higher = with_offsets([(self.messages[i].sender, self.others[i]) for i in chosen])
-        return _Level(higher, own, blocking, transmission_ns((1, 0), bitrate=self.bitrate), self.errors)
+        return _Level(
+            higher, own, blocking, transmission_ns((1, 0), bitrate=self.bitrate), self.errors
+        )
 
 
 @dataclass(slots=True)
