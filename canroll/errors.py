@@ -22,7 +22,6 @@ EXTRAS = {
     "notebook": ("pandas", "xarray"),
     "target": ("bincopy", "capstone", "unicorn", "ziglang"),
     "uds": ("can-isotp", "udsoncan"),
-    "validate": ("objective-rating-metrics",),
     "web": ("websockets",),
     "xcp": ("pya2ldb", "pyxcp"),
 }

@@ -59,6 +59,7 @@ class Field:
     f: F
 
 
+@cache
 def fields(record_class: type) -> tuple[Field, ...]:
     """Return the field table of a record class, in the order of its memory layout.
 

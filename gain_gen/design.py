@@ -8,7 +8,7 @@ from typing import Any
 
 import vehicles
 from canroll.arguments import checked
-from canroll.build_cache import kept, key, sources
+from canroll.build_cache import kept
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from gain_gen.analysis.family import Family, FamilyRow, family_of
 from gain_gen.analysis.fitted_family import with_draws
@@ -19,12 +19,9 @@ from gain_gen.laws.declared import COMPUTED, Declared, built_in, declared
 from gain_gen.laws.roll_rate_feedback import static_controller
 from gain_gen.laws.state_feedback import sensor_noise
 from gain_gen.models.controller import Controller
-from gain_gen.models.task import Check, Delay, Design, Solution, Task, in_words
+from gain_gen.models.task import Check, Delay, Design, Solution, Task, in_words, made_of
 from vehicles import Vehicle
 
-SOURCES = ("gain_gen", "firmware", "vehicles", "dbc", "codegen")
-SOLVERS = ("numpy", "scipy", "cvxpy", "clarabel")
-"""What a design and its calibration are made with."""
 UNVERIFIED = "NOT VERIFIED"
 """Start of the warning that marks a design that is used although it is not verified."""
 STEP_DB = 1.0
@@ -68,8 +65,7 @@ def design(
         raise CanrollError("design needs a task, or else vehicle and delay")
     if is_of_user(law, task):
         return _designed(law, task)
-    of = sources(*SOURCES, packages=SOLVERS) + key(law, task)
-    return kept("designs", of, lambda: _designed(law, task))
+    return kept("designs", made_of(law, task), lambda: _designed(law, task))
 
 
 def is_of_user(law: str, task: Task) -> bool:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import prod
 
 from vehicles.model import GRAVITY, Vehicle
@@ -81,6 +82,7 @@ class Axle:
         return self.roll_share * suspension_stiffness - 2 * self.spring * self.half_track**2
 
 
+@lru_cache(maxsize=256)
 def axles(vehicle: Vehicle) -> tuple[Axle, Axle]:
     """Front and rear axle of a vehicle."""
     geometry, mass, suspension = vehicle.geometry, vehicle.mass, vehicle.suspension

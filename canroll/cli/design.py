@@ -23,6 +23,7 @@ from canroll.setup.controller import calibrated, options_of, stage_of, task_of
 from canroll.studies import equal_effort, variation
 from codegen.export.header import gains_header
 from codegen.generated import own_stage
+from gain_gen.analysis.speed_schedule import with_speed_rate
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import physical_notes, summary, title
 from gain_gen.design import design
@@ -70,6 +71,8 @@ def run(args: argparse.Namespace) -> int:
     options = options_of(choices, task.vehicle)
     box = options.uncertainty
     answer, record, tables = calibrated(chosen(choices, "law"), task, options)
+    answer = with_speed_rate(answer)
+    tables = {**tables, "margins": {**tables["margins"], **answer.margins}}
     checks = {name: Check(**entry) for name, entry in tables["verification"].items()}
     of_bus = profile_of(choices).warnings
     answer = replace(answer, verified=checks, warnings=(*of_bus, *tables["design"]["warnings"]))
@@ -156,7 +159,7 @@ def _designed(task: Task) -> dict[str, Design | CanrollError]:
 
 def _compared(law: str, answer: Design | CanrollError) -> dict[str, Any]:
     if isinstance(answer, Design):
-        return summary(answer)
+        return summary(with_speed_rate(answer))
     return {"law": law, "refused": str(answer)}
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 import dbc
 import vehicles
-from canroll.build_cache import kept, key, recalled, sources
+from canroll.build_cache import kept, key, recalled
 from canroll.errors import CanrollError, VerdictError
 from canroll.setup.bus_frames import absent, profile_of
 from canroll.setup.choices import CHOICES, PASSIVE, check, chosen
@@ -24,9 +24,9 @@ from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE
 from gain_gen.calibration.calibration_file import LoadedCalibration, load
 from gain_gen.calibration.freeze import calibrate
 from gain_gen.calibration.quantise import ACTUATOR_NUMBER, QuantiseOptions
-from gain_gen.design import SOLVERS, SOURCES, design, is_of_user, without_control
+from gain_gen.design import design, is_of_user, without_control
 from gain_gen.laws import LAWS, WITHOUT_ROLL_RATE
-from gain_gen.models.task import Delay, Design, Task
+from gain_gen.models.task import Delay, Design, Task, made_of
 from gain_gen.monitors.uncertainty import BY_STEERING, EVERY, of_vehicle, stated
 from plant_sim.can_bus.network.own_frames import bus_map
 from vehicles import Vehicle
@@ -278,7 +278,6 @@ def calibrated(
         CanrollError: options that contradict the law; numbers beyond the fixed-point formats.
         VerdictError: the design fails its own checks.
     """
-    of = key(law, task, options)
 
     def make() -> tuple[Design, Calibration, Mapping[str, Any]]:
         # without control the frames go on all the same
@@ -289,8 +288,8 @@ def calibrated(
         return answer, *calibrate(answer, options)
 
     if is_of_user(law, task):
-        return recalled(of + str(id(LAWS[law])).encode(), make)
-    return kept("calibrations", sources(*SOURCES, packages=SOLVERS) + of, make)
+        return recalled(key(law, id(LAWS[law]), task, options), make)
+    return kept("calibrations", made_of(law, task, options), make)
 
 
 def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> PreparedController:

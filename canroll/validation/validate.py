@@ -23,7 +23,7 @@ from canroll.validation.manoeuvre import (
     recognised,
 )
 from canroll.validation.measurement import NONE, Measurement
-from canroll.validation.rating import Rating, package, rate_drive
+from canroll.validation.rating import Rating, rate_drive
 from canroll.validation.replayed import Drive, label, replayed
 from canroll.validation.tolerances import TOLERANCES, Tolerance
 from vehicles import Vehicle
@@ -188,10 +188,8 @@ def validate(
 
     Raises:
         CanrollError: the log cannot be used, or is not the named manoeuvre.
-        MissingExtraError: the package that rates is not installed.
         VerdictError: the simulated car rolls over.
     """
-    package()
     moved = moments(log, vehicle, window=settings.window)
     drive = replayed(moved.log, vehicle, settings.window, settings.imu, measurement)
     drive = replace(drive, remarks=(*drive.remarks, *moved.remarks))

@@ -35,7 +35,11 @@ class Value:
 
 
 def hull(a: Value, b: Value) -> Value:
-    """The smallest interval that contains both."""
+    """The smallest interval that contains both: one of the two where it contains the other."""
+    if a.lo <= b.lo and b.hi <= a.hi:
+        return a
+    if b.lo <= a.lo and a.hi <= b.hi:
+        return b
     return Value(min(a.lo, b.lo), max(a.hi, b.hi))
 
 

@@ -83,10 +83,15 @@ class Memory(ABC):
                 names[name] = mine if mine is other else iv.hull(mine, other)
             elif other is not None:
                 names[name] = mine
-        known = {}
-        for element in {*a.known, *b.known}:
-            one, two = self._element(element, a), self._element(element, b)
-            known[element] = one if one is two else iv.hull(one, two)
+        known = dict(a.known)
+        for element, two in b.known.items():
+            one = known.get(element)
+            if one is not two:
+                one = self._element(element, a) if one is None else one
+                known[element] = iv.hull(one, two)
+        for element, one in a.known.items():
+            if element not in b.known:
+                known[element] = iv.hull(one, self._element(element, b))
         return AbstractState(names, known)
 
     def _store(self, node: ast.stmt, target: ast.expr, value: Value, state: AbstractState) -> None:

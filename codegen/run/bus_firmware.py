@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 import firmware.ecu
 from codegen.c99 import emit, kept
@@ -31,6 +31,7 @@ from codegen.subset import parse, rules
 from codegen.subset.program import FIRMWARE, Program, copy_sources, file_of
 from dbc.reader import Files
 
+Result = TypeVar("Result")
 GENERATED = {
     "frames.py": frames.generate,
     "protection.py": protection.generate,
@@ -87,8 +88,8 @@ class BusFirmware:
             return emit.firmware()
         return kept.translation(self._parts, self._translated)
 
-    def kept(self, what: str, make: Callable[[], dict[str, str]]) -> dict[str, str]:
-        """Return texts that ``make`` makes of the firmware and ``what`` alone, or made before."""
+    def kept(self, what: str, make: Callable[[], Result]) -> Result:
+        """Return what ``make`` makes of the firmware and ``what`` alone, or made before."""
         return kept.translation((what, *self._parts), make)
 
     @property

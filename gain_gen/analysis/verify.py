@@ -9,7 +9,7 @@ import numpy as np
 from gain_gen.analysis.family import Family, FamilyMargins, FamilyRow
 from gain_gen.analysis.fitted_family import margins_of_draws
 from gain_gen.analysis.sampled_loop import SampledLoop, build, roll_rms, spectral_radius
-from gain_gen.analysis.speed_schedule import Speeds, certified_speed_rate
+from gain_gen.analysis.speed_schedule import Speeds
 from gain_gen.models.controller import Controller
 from gain_gen.models.roll import scaled
 from gain_gen.models.task import Check, Design, Solution, Task, above, below
@@ -62,7 +62,7 @@ def verify(
         _check_roll(task, checks, report, controller)
         _check_box(task, checks, report, controller)
         if speeds is not None:
-            _check_speeds(task, speeds, checks, report, controller)
+            _check_speeds(speeds, checks, report, controller)
     notes = (*solution.notes, family.note) if family.note else solution.notes
     return Design(law, task, solution, report, checks, _warnings(task, solution, notes, report))
 
@@ -126,22 +126,13 @@ def _check_box(
 
 
 def _check_speeds(
-    task: Task,
-    speeds: Speeds,
-    checks: dict[str, Check],
-    report: dict[str, float],
-    controller: Controller,
+    speeds: Speeds, checks: dict[str, Check], report: dict[str, float], controller: Controller
 ) -> None:
-    """Check margins at and between the speeds of the schedule, and the rate of speed change.
-
-    The latter takes longest and is skipped for a design that is refused anyway.
-    """
+    """Check margins at and between the speeds of the schedule."""
     gain_db, sensitivity = speeds.worst(controller)
     checks["schedule_gain_margin_db"] = above(gain_db, GAIN_MARGIN_DB)
     checks["schedule_peak_sensitivity"] = below(sensitivity, PEAK_SENSITIVITY)
     report["least_schedule_factor"] = min(controller.schedule)
-    if all(check.ok for check in checks.values()):
-        report["certified_speed_rate"] = certified_speed_rate(task, controller)
 
 
 def passive_controller(controller: Controller) -> Controller:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import NamedTuple
 
+from canroll.build_cache import key, sources
 from gain_gen.models.controller import Controller
 from gain_gen.models.observer import LateralModel, SensorNoise
 from gain_gen.models.roll import Matrix
@@ -15,6 +16,13 @@ UNITS = {"db": "dB", "deg": "°", "s": "s", "nm": "N·m", "hz": "Hz"}
 """Unit of a check or number by the last word of its name."""
 EPSILON_SQUARED = 0.1
 """Relative threshold of the event trigger, squared (Viadero 2022)."""
+SOURCES = ("gain_gen", "firmware", "vehicles", "dbc", "codegen")
+SOLVERS = ("numpy", "scipy", "cvxpy", "clarabel")
+
+
+def made_of(*parts: object) -> bytes:
+    """Return all that a design depends on: our sources, the solvers, and ``parts``, plain data."""
+    return sources(*SOURCES, packages=SOLVERS) + key(*parts)
 
 
 class Check(NamedTuple):

@@ -104,6 +104,12 @@ def njit(function: Function, *, inline: bool = False) -> Function:
     return result
 
 
+def interpreted(kernel: Function) -> Function:
+    """Return the Python function of a kernel: the first compiled one of a process takes 0.5 s."""
+    function: Function = kernel.py_func  # type: ignore[attr-defined]
+    return function
+
+
 def inlined(function: Function) -> Function:
     """As :func:`njit`, compiled into its callers: a call costs seven words for every array.
 

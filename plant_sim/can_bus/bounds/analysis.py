@@ -15,7 +15,7 @@ from typing import Final
 
 from plant_sim.can_bus.bounds.demand import Demand, MessageDemand, task_of, with_offsets
 from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.can_bus.wire.frame import duration_ns
+from plant_sim.can_bus.wire.frame import transmission_ns
 
 ERROR_OVERHEAD_BITS: Final = 31
 """Longest error frame with interframe space and suspend transmission: 12 + 8 + 3 + 8 bits."""
@@ -175,7 +175,9 @@ class _Round:
         higher: Sequence[Demand] = [self.others[i] for i in chosen]
         if self.offsets:
             higher = with_offsets([(self.messages[i].sender, self.others[i]) for i in chosen])
-        return _Level(higher, own, blocking, int(duration_ns(1, self.bitrate)), self.errors)
+        return _Level(
+            higher, own, blocking, transmission_ns((1, 0), bitrate=self.bitrate), self.errors
+        )
 
 
 @dataclass(slots=True)

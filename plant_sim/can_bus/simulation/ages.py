@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.can_bus.kernel.layout import MAX_PAYLOAD, SEED, Network, logged
-from plant_sim.can_bus.kernel.ledger import drain, took
+from plant_sim.can_bus.kernel.layout import LOGGED, MAX_PAYLOAD, SEED, Network
+from plant_sim.can_bus.kernel.ledger import took
 from plant_sim.can_bus.kernel.network import build_network
 from plant_sim.can_bus.kernel.queues import enqueue
 from plant_sim.can_bus.kernel.scheduler import advance
@@ -85,6 +85,7 @@ def simulate_ages(
     command = _Sender(network, loop.command_node, loop.command)
     ages: list[int] = []
     newest, waiting, cursor = -1, -1, 0
+    clock, log, idents = network.clock, network.log, network.log["ident"]
     sampled: dict[int, int] = {}
     computed: dict[int, int] = {}
     sample, tick, look = loop.sensor.offset_ns, loop.tick_offset_ns, 0
@@ -96,9 +97,13 @@ def simulate_ages(
         if replayed is not None:
             fed = feed(network, replayed, player, fed, now)
         advance(network, now)
-        assert logged(network) - cursor <= len(network.log)
-        entries, cursor, _ = drain(network, cursor)
-        for entry in entries[np.isin(entries["ident"], (loop.sensor.ident, loop.command.ident))]:
+        first, cursor = cursor, int(clock[LOGGED])
+        assert cursor - first <= len(log)
+        # one by one in place: an operation on an array takes longer than the few since the last
+        for place in (number % len(log) for number in range(first, cursor)):
+            if idents[place] not in (loop.sensor.ident, loop.command.ident):
+                continue
+            entry = log[place]
             origin = int(entry["t_origin"])
             if _is(entry, loop.sensor, home, loop.command_node):
                 newest = max(newest, sampled.get(origin, -1))

@@ -11,13 +11,20 @@ from canroll.errors import CanrollError
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import EXTENDED, frame_bits, transmission_ns
 from plant_sim.kernels.instants import MS
+from plant_sim.kernels.jit import interpreted
 from plant_sim.kernels.random import random_bits
 
 PERIODS_ABOVE_MS: Final = (10, 10, 20)
 PERIODS_BELOW_MS: Final = (20, 50, 100)
 """Periods of the generated messages, in turn: urgent messages are the frequent ones."""
 _SAMPLES: Final = 32
+_random_bits, _frame_bits = interpreted(random_bits), interpreted(frame_bits)
 _SMALLEST_SHARE: Final = 0.02
+
+
+def _random(seed: int, ident: int, counter: int) -> int:
+    with np.errstate(over="ignore"):
+        return int(_random_bits(seed, ident, counter))
 
 
 def mean_frame_ns(ident: int, length: int, bitrate: int, *, seed: int = 0) -> float:
@@ -32,10 +39,10 @@ def _mean_ns(
     words = max(-(-length // 8), 1)
     nominal = data = 0
     for sample in range(_SAMPLES):
-        drawn = [int(random_bits(seed, ident, sample * words + k)) for k in range(words)]
+        drawn = [_random(seed, ident, sample * words + k) for k in range(words)]
         payload = np.array(drawn, np.uint64).view(np.uint8)
-        slow, fast = frame_bits(ident, flags, length, payload)
-        nominal, data = nominal + slow, data + fast
+        slow, fast = _frame_bits(ident, flags, length, payload)
+        nominal, data = nominal + int(slow), data + int(fast)
     time = transmission_ns((nominal, data), bitrate=bitrate, data_bitrate=data_bitrate)
     return float(time) / _SAMPLES
 
@@ -133,7 +140,7 @@ def _fill(
         ident = idents[int(place)]
         # the period makes up for this identifier's own stuff bits
         period = periods[int(index)] * mean_frame_ns(ident, 8, bitrate) / frame
-        offset = int(random_bits(seed, ident, 1 << 20)) % int(period)
+        offset = _random(seed, ident, 1 << 20) % int(period)
         messages.append(
             BusMessage(f"Background{ident:03X}", ident, 8, period, node, offset_ns=offset)
         )

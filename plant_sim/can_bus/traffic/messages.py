@@ -10,6 +10,9 @@ from plant_sim.can_bus.wire.frame import (
     transmission_ns,
     worst_case_ns,
 )
+from plant_sim.kernels.jit import interpreted
+
+_arbitration_key = interpreted(arbitration_key)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +47,7 @@ class BusMessage:
     @property
     def arbitration_key(self) -> int:
         """Arbitration key: the lower one wins."""
-        return int(arbitration_key(self.ident, self.flags))
+        return _arbitration_key(self.ident, self.flags)
 
     def worst_ns(self, bitrate: int, data_bitrate: int = 0) -> int:
         """Return the longest transmission time of its frame, interframe space included, ns."""

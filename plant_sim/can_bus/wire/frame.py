@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels.jit import njit
+from plant_sim.kernels.jit import interpreted, njit
 
 EXTENDED: Final = 1
 REMOTE: Final = 2
@@ -196,6 +196,9 @@ def duration_ns(bits: int, bitrate: int) -> int:
     return (bits * 1_000_000_000 + bitrate // 2) // bitrate
 
 
+_duration_ns = interpreted(duration_ns)
+
+
 def best_case_bits(length: int, flags: int = 0) -> tuple[int, int]:
     """Return a lower bound of ``frame_bits`` over identifiers and payloads: no stuff bit."""
     if flags & FD:
@@ -245,7 +248,7 @@ def worst_case_ns(length: int, flags: int = 0, *, bitrate: int, data_bitrate: in
 def transmission_ns(bits: tuple[int, int], *, bitrate: int, data_bitrate: int | None = None) -> int:
     """Return the time of a frame of ``(nominal, data)`` bits in nanoseconds."""
     nominal, data = bits
-    return int(duration_ns(nominal, bitrate) + duration_ns(data, data_bitrate or bitrate))
+    return _duration_ns(nominal, bitrate) + _duration_ns(data, data_bitrate or bitrate)
 
 
 def length_of(ident: int, payload: bytes, flags: int = 0, **options: Any) -> tuple[int, int]:  # noqa: ANN401

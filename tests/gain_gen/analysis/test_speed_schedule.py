@@ -17,13 +17,14 @@ from gain_gen.analysis.speed_schedule import (
     certified_speed_rate,
     largest_factor,
     speeds_of,
+    with_speed_rate,
 )
 from gain_gen.calibration.dequantise import dequantise
 from gain_gen.calibration.freeze import calibrate
 from gain_gen.design import design
 from gain_gen.laws import LAWS
 from gain_gen.models.controller import SPEEDS, scaled_controller
-from gain_gen.models.task import Delay, Task
+from gain_gen.models.task import Check, Delay, Task
 
 SLOW_BUS = Delay(0.118, 0.106, 0.130)
 
@@ -97,6 +98,18 @@ def test_a_speed_that_changes_as_certified_does_no_harm():
         x = loops[int(np.argmin(np.abs(speeds - speed)))] @ x
         sizes.append(np.linalg.norm(x))
     assert sizes[-1] < 1e-12 * max(sizes)
+
+
+def test_the_rate_is_a_number_of_scheduled_designs_alone():
+    scheduled = design("steering_lead", task())
+    assert "certified_speed_rate" not in scheduled.margins
+    shown = with_speed_rate(scheduled)
+    expected = certified_speed_rate(scheduled.task, scheduled.controller)
+    assert dict(shown.margins) == {**scheduled.margins, "certified_speed_rate": expected}
+    refused = replace(scheduled, verified={"any": Check(1.0, 0.0, ok=False)})
+    unscheduled = replace(scheduled, margins={"gain_db": 9.0})
+    for answer in (refused, unscheduled):
+        assert with_speed_rate(answer) is answer
 
 
 def test_an_unstable_loop_is_certified_for_nothing():
