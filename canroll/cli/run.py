@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import dbc
-from canroll.cli import terminal
+from canroll.cli import run_view, terminal
 from canroll.cli.options import choices_of, folder_of
 from canroll.exchange import signal_files
 from canroll.report.run_folder import write_files, write_text
@@ -87,9 +87,9 @@ def answer(
     if args.json:
         print(json.dumps(result.to_json()))
     else:
-        terminal.show(result)
+        run_view.show(result)
         if args.verbose:
-            terminal.show_bus(result)
+            run_view.show_bus(result)
         terminal.show_files(result.files)
     return result.exit_code
 

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canroll.cli.options import choices_of
-from canroll.cli.terminal import progress, show_timing
+from canroll.cli.run_view import show_timing
+from canroll.cli.terminal import progress
 from canroll.errors import CanrollError, MissingExtraError
 from canroll.runs import experiment
 from canroll.runs.experiment import plan

@@ -344,7 +344,7 @@ def test_files_of_a_run(tmp_path, capsys):
     text = capsys.readouterr().out
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {
-        "report.html", "roll.png", "bus.asc", "canroll_gains.h", "calibration.toml", "trace.npz",
+        "report.html", "bus.asc", "canroll_gains.h", "calibration.toml", "trace.npz",
         "result.json",
     }  # fmt: skip
     assert all(name in text for name in names)
