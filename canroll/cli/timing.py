@@ -17,7 +17,7 @@ from canroll.runs.experiment import plan
 from canroll.runs.result import Settings
 from canroll.runs.traffic import record_traffic
 from canroll.setup.controller import PreparedController
-from codegen.run import cortex, qemu, secured, unicorn
+from codegen.run import cortex, qemu, unicorn
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.cortex import CortexRun
 from codegen.run.ecu_traffic import EcuTraffic
@@ -61,7 +61,7 @@ def replay_here(
 ) -> CortexRun:
     """Replay in this process, with the authentication of a bus that has it."""
     if firmware.bus.secured:
-        return secured.replay(record, traffic, processor, firmware, key=key)
+        return unicorn.replay_secured(record, traffic, processor, firmware, key=key)
     return unicorn.replay(record, traffic, processor, firmware)
 
 

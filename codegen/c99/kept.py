@@ -14,9 +14,10 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
+import firmware
 from canroll import build_cache
-from codegen.subset.program import FIRMWARE
 
+FIRMWARE = Path(firmware.__file__).parent
 TRANSLATOR = Path(__file__).resolve().parents[1]
 
 

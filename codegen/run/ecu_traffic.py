@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
-from codegen.generated import signals
 from codegen.generated.bus_map import BusMap
 from codegen.generated.mailbox import Mailbox
+from codegen.generated.mailbox import room as _room
 from codegen.run.bus_firmware import built_in
 from codegen.run.memory_image import event, event_of, sealed
 from firmware import check
@@ -141,7 +141,7 @@ def random_traffic(
     """
     bus = bus or built_in().bus
     boxes = bus.received
-    room = max(signals.room(bus.received), signals.room(bus.transmitted))
+    room = max(_room(bus.received), _room(bus.transmitted))
     rng = np.random.default_rng(seed)
     counters = np.zeros(len(boxes), np.int64)
     samples = np.zeros(len(boxes), np.int64)

@@ -30,6 +30,7 @@ from canroll.runs.result import Settings
 from canroll.studies import fault_catalogue
 from codegen.export import a2l
 from codegen.generated import bus_map, own_stage
+from codegen.run import stage_modules
 from codegen.run import native
 from dbc.keys import read_key
 from gain_gen.calibration import calibration_file
@@ -147,7 +148,7 @@ def _latency(path: Path) -> object:
 
 
 def _stage(path: Path) -> object:
-    return own_stage.modules(own_stage.read(path))
+    return stage_modules.modules(own_stage.read(path))
 
 
 def _catalogue(path: Path) -> object:
