@@ -18,11 +18,9 @@ from gain_gen.laws.declared import COMPUTED, Declared, built_in, declared
 from gain_gen.laws.roll_rate_feedback import static_controller
 from gain_gen.laws.state_feedback import sensor_noise
 from gain_gen.models.controller import Controller
-from gain_gen.models.task import Check, Delay, Design, Solution, Task, in_words
+from gain_gen.models.task import UNVERIFIED, Check, Delay, Design, Solution, Task, in_words
 from vehicles import Vehicle
 
-UNVERIFIED = "NOT VERIFIED"
-"""Start of the warning that marks a design that is used although it is not verified."""
 STEP_DB = 1.0
 """Reduction of the whole command per step of detuning, dB."""
 STEPS = 40

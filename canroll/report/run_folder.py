@@ -14,8 +14,8 @@ from canroll.runs.logs import write_log
 from canroll.runs.result import Result
 from codegen.export.header import gains_header
 from gain_gen.calibration import calibration_file
-from gain_gen.calibration.freeze import physical_notes
-from gain_gen.design import UNVERIFIED
+from gain_gen.calibration.dequantise import physical_notes
+from gain_gen.models.task import UNVERIFIED
 
 
 def write_text(path: Path, text: str) -> Path:

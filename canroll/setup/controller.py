@@ -4,7 +4,6 @@ from collections import deque
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,17 +14,15 @@ from canroll.errors import CanrollError, VerdictError
 from canroll.setup.bus_frames import absent, profile_of
 from canroll.setup.choices import CHOICES, PASSIVE, check, chosen
 from canroll.setup.delay import sample_to_force
+from canroll.setup.own_stages import stage_of
 from codegen.generated import own_stage
 from codegen.generated.mailbox import SAMPLE_COUNTERS
 from codegen.generated.own_stage import OwnStage
-from codegen.run.bus_firmware import built_in, with_stage
 from firmware import calibration as fw
 from firmware.calibration import Calibration
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE
 from gain_gen.calibration.calibration_file import LoadedCalibration, load
-from gain_gen.calibration.freeze import calibrate
-from gain_gen.calibration.quantise import ACTUATOR_NUMBER, QuantiseOptions
-from gain_gen.design import design, without_control
+from gain_gen.calibration.options import ACTUATOR_NUMBER, QuantiseOptions
 from gain_gen.laws import WITHOUT_ROLL_RATE
 from gain_gen.models.task import Delay, Design, Task
 from gain_gen.monitors.uncertainty import BY_STEERING, EVERY, of_vehicle, stated
@@ -115,23 +112,6 @@ def prepare(choices: Mapping[str, Any]) -> PreparedController:
         stage = stage_of({}, choices)
         controller = _designed(choices)
     return replace(controller, tables=own_stage.added(controller.tables, stage))
-
-
-def stage_of(tables: Mapping[str, Any], choices: Mapping[str, Any]) -> OwnStage | None:
-    """Return the own stage of a calibration or of ``choices``, checked and proved.
-
-    Raises:
-        CanrollError: it cannot be read, or is no stage; both name one.
-    """
-    stage = own_stage.carried(tables)
-    if choices.get("stage") is not None:
-        if stage is not None:
-            raise CanrollError(
-                f"--stage: the calibration carries the stage {stage.file}: omit --stage"
-            )
-        stage = own_stage.read(Path(choices["stage"]))
-    with_stage(built_in(), stage)
-    return stage
 
 
 def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
@@ -258,8 +238,7 @@ def _designed(choices: Mapping[str, Any]) -> PreparedController:
     law = chosen(choices, "law")
     task = task_of(choices)
     options = options_of(choices, task.vehicle)
-    # without control the frames go on all the same
-    answer = without_control(task) if law == PASSIVE else _design(law, task)
+    answer = _design(law, task)
     if task.actuator == "valves" and not answer.controller.commands_axles:
         # a moment law drives the bars' own torque loop, for a current is the rate of a moment
         answer = replace(answer, task=replace(task, actuator="bars"))
@@ -282,7 +261,11 @@ def _design(law: str, task: Task) -> Design:
     for known_law, known_task, answer in RECENT:
         if (known_law, known_task) == (law, task):
             return answer
-    answer = design(law, task)
+    # designing: solvers and verification, for what is kept from before or in a file
+    from gain_gen.design import design, without_control  # noqa: PLC0415
+
+    # without control the frames go on all the same
+    answer = without_control(task) if law == PASSIVE else design(law, task)
     RECENT.append((law, task, answer))
     return answer
 
@@ -292,6 +275,9 @@ def _frozen(answer: Design, options: QuantiseOptions) -> tuple[Calibration, Mapp
     for known, given, record, tables in FROZEN:
         if known is answer and given == options:
             return deepcopy((record, tables))
+    # its checks run the integer loop beside the design
+    from gain_gen.calibration.freeze import calibrate  # noqa: PLC0415
+
     record, tables = calibrate(answer, options)
     FROZEN.append((answer, options, *deepcopy((record, tables))))
     return record, tables

@@ -30,8 +30,7 @@ from canroll.runs.result import Settings
 from canroll.studies import fault_catalogue
 from codegen.export import a2l
 from codegen.generated import bus_map, own_stage
-from codegen.run import stage_modules
-from codegen.run import native
+from codegen.run import native, stage_modules
 from dbc.keys import read_key
 from gain_gen.calibration import calibration_file
 from gain_gen.laws.custom import read_matrices
