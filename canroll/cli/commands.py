@@ -5,11 +5,10 @@ Nothing heavy is imported here: a command's module is imported after its options
 
 from dataclasses import dataclass
 from pkgutil import resolve_name
+from typing import TYPE_CHECKING
 
-from canroll.cli.options import add_json
-from canroll.cli.parser import Parser
-
-KINDS = ("laws", "vehicles", "scenarios", "options", "buses", "bodies")
+if TYPE_CHECKING:
+    from canroll.cli.parser import Parser
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,30 +30,20 @@ def handler(name: str) -> str:
     return f"canroll.cli.{COMMANDS[name].handler or name.replace('-', '_') + ':run'}"
 
 
-def parser_of(name: str) -> Parser:
+def parser_of(name: str) -> "Parser":
     """Return the parser of a subcommand."""
-    parser = Parser(prog=f"canroll {name}")
+    parser: Parser = resolve_name("canroll.cli.parser:Parser")(prog=f"canroll {name}")
     resolve_name(f"canroll.cli.{COMMANDS[name].options}")(parser)
     return parser
 
 
-def completion(parser: Parser) -> None:
+def completion(parser: "Parser") -> None:
     """Options of ``canroll completion``."""
     parser.description = (
         "Print a script that completes commands, options and names: "
         "source <(canroll completion bash)"
     )
     parser.add_argument("shell", choices=("bash", "zsh", "tcsh"))
-
-
-def listing(parser: Parser) -> None:
-    """Options of ``canroll list``."""
-    parser.description = (
-        "List all names of a kind: built in, or from an installed package's entry points. "
-        "Laws, scenarios, buses and bodies can also be named as file.py:name or module:name."
-    )
-    parser.add_argument("kind", choices=KINDS, metavar="KIND", help=", ".join(KINDS))
-    add_json(parser)
 
 
 COMMANDS = {
@@ -139,8 +128,8 @@ COMMANDS = {
     "completion": Subcommand("script for the completion of a shell", "commands:completion"),
     "list": Subcommand(
         "laws, vehicles, scenarios and their options, buses and bodies by name",
-        "commands:listing",
-        handler="main:list_names",
+        "listing:listing",
+        handler="listing:run",
     ),
 }
 """Every subcommand by its name."""

@@ -6,7 +6,8 @@ from typing import cast
 
 import vehicles
 from canroll.cli.commands import COMMANDS, parser_of
-from canroll.cli.main import REGISTRIES, TASKS
+from canroll.cli.listing import REGISTRIES
+from canroll.cli.main import TASKS
 from canroll.cli.options import path_named
 from canroll.errors import optional
 from canroll.setup.choices import CHOICES

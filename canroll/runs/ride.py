@@ -71,11 +71,12 @@ def _digital(numerator: tuple[float, ...], denominator: tuple[float, ...]) -> Ve
     top, bottom = (
         sum(
             (c * below ** (2 - power) * above**power for power, c in enumerate(reversed(analog))),
-            Polynomial(0),
+            Polynomial([0.0]),
         ).coef[::-1]
         for analog in (numerator, denominator)
     )
-    return np.concatenate((top, bottom)) / bottom[0]
+    section: Vector = np.concatenate((top, bottom)) / bottom[0]
+    return section
 
 
 W_K = Weighting((12.5, 12.5), 0.63, (2.37, 0.91, 3.35, 0.91))

@@ -11,7 +11,8 @@ from canroll.errors import CanrollError
 from firmware.calibration import Calibration
 from firmware.check import check
 from gain_gen.calibration.calibration_file import VEHICLE
-from gain_gen.calibration.quantise import Quantised, QuantiseOptions, law_kind, quantise_design
+from gain_gen.calibration.options import QuantiseOptions
+from gain_gen.calibration.quantise import Quantised, law_kind, quantise_design
 from gain_gen.calibration.record import fill, identify
 from gain_gen.calibration.response_part import unwatched
 from gain_gen.calibration.rounding_error import quantisation_checks

@@ -1,0 +1,83 @@
+"""``canroll list``: the names of a kind, with where each is from and what it is."""
+
+import argparse
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import vehicles
+from canroll.cli.options import add_json
+from canroll.cli.parser import Parser
+from canroll.registry import BUILT_IN, Registry
+from gain_gen.laws import LAWS
+from plant_sim.bodies import BODIES
+from plant_sim.buses import BUSES
+from plant_sim.driving import MANEUVERS
+
+KINDS = ("laws", "vehicles", "scenarios", "options", "buses", "bodies")
+REGISTRIES: dict[str, Registry[Any]] = {
+    "laws": LAWS,
+    "scenarios": MANEUVERS,
+    "buses": BUSES,
+    "bodies": BODIES,
+}
+"""Further lists of ``canroll list``; extensions add to them."""
+
+
+def listing(parser: Parser) -> None:
+    """Options of ``canroll list``."""
+    parser.description = (
+        "List all names of a kind: built in, or from an installed package's entry points. "
+        "Laws, scenarios, buses and bodies can also be named as file.py:name or module:name."
+    )
+    parser.add_argument("kind", choices=KINDS, metavar="KIND", help=", ".join(KINDS))
+    add_json(parser)
+
+
+def entries(kind: str) -> list[dict[str, str]]:
+    """Return name, origin and one-line description of all objects of a kind.
+
+    Nothing is imported, so that an extension that cannot be imported is listed as well; only the
+    options of the manoeuvres are read from them.
+    """
+    if kind == "options":
+        return list(_options())
+    if kind not in REGISTRIES:
+        return [
+            {"name": name, "origin": BUILT_IN, "description": vehicles.load(name).title}
+            for name in vehicles.names()
+        ]
+    known = REGISTRIES[kind]
+    return [
+        {
+            "name": name,
+            "origin": known.origin(name).who,
+            "description": known.description(name).removesuffix("."),
+        }
+        for name in known
+    ]
+
+
+def _options() -> Iterator[dict[str, str]]:
+    from plant_sim.driving import maneuvers  # noqa: PLC0415 - numpy, which only this needs
+
+    for scenario in MANEUVERS:
+        for key, default in maneuvers.options(scenario).items():
+            yield {
+                "name": f"{scenario} {key}",
+                "origin": MANEUVERS.origin(scenario).who,
+                "description": maneuvers.describe(key, default),
+            }
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the names of a kind, one per line, or one JSON array."""
+    rows = entries(args.kind)
+    if args.json:
+        print(json.dumps(rows, ensure_ascii=False))
+        return 0
+    widths = [max(len(row[key]) for row in rows) for key in ("name", "origin")]
+    for row in rows:
+        name, origin = f"{row['name']:<{widths[0]}}", f"{row['origin']:<{widths[1]}}"
+        print(f"{name}  {origin}  {row['description']}".rstrip())
+    return 0
