@@ -3,6 +3,7 @@
 Nothing heavy is imported here: a command's module is imported after its options are parsed.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING
@@ -35,15 +36,6 @@ def parser_of(name: str) -> "Parser":
     parser: Parser = resolve_name("canroll.cli.parser:Parser")(prog=f"canroll {name}")
     resolve_name(f"canroll.cli.{COMMANDS[name].options}")(parser)
     return parser
-
-
-def completion(parser: "Parser") -> None:
-    """Options of ``canroll completion``."""
-    parser.description = (
-        "Print a script that completes commands, options and names: "
-        "source <(canroll completion bash)"
-    )
-    parser.add_argument("shell", choices=("bash", "zsh", "tcsh"))
 
 
 COMMANDS = {
@@ -125,7 +117,9 @@ COMMANDS = {
         "study_parsers:severe",
         "vehicle_tests:severe",
     ),
-    "completion": Subcommand("script for the completion of a shell", "commands:completion"),
+    "completion": Subcommand(
+        "script for the completion of a shell", "listing:completion", handler="listing:complete"
+    ),
     "list": Subcommand(
         "laws, vehicles, scenarios and their options, buses and bodies by name",
         "listing:listing",
@@ -133,3 +127,14 @@ COMMANDS = {
     ),
 }
 """Every subcommand by its name."""
+TASKS: Mapping[str, tuple[str, ...]] = {
+    "simulate": ("run", "compare", "sweep", "report"),
+    "design": ("design", "margins", "certify", "prove"),
+    "assess": ("campaign", "severe", "faults", "attacks", "reproduce"),
+    "characterise a vehicle": ("vehicle", "fit", "validate", "limit", "understeer", "response"),
+    "network": ("bus",),
+    "hardware": ("hil", "ecu", "plant", "watch"),
+    "export": ("export-c", "export-fmu", "timing"),
+    "names": ("list", "completion"),
+}
+"""The commands by what they are for."""

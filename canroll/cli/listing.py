@@ -1,14 +1,17 @@
-"""``canroll list``: the names of a kind, with where each is from and what it is."""
+"""``canroll list``: names with their origin; ``canroll completion``: a shell completes them."""
 
 import argparse
 import json
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterable, Iterator
+from typing import Any, cast
 
 import vehicles
-from canroll.cli.options import add_json
+from canroll.cli.commands import COMMANDS, TASKS, parser_of
+from canroll.cli.options import add_json, path_named
 from canroll.cli.parser import Parser
+from canroll.errors import optional
 from canroll.registry import BUILT_IN, Registry
+from canroll.setup.choices import CHOICES
 from gain_gen.laws import LAWS
 from plant_sim.bodies import BODIES
 from plant_sim.buses import BUSES
@@ -22,6 +25,15 @@ REGISTRIES: dict[str, Registry[Any]] = {
     "bodies": BODIES,
 }
 """Further lists of ``canroll list``; extensions add to them."""
+
+
+def completion(parser: Parser) -> None:
+    """Options of ``canroll completion``."""
+    parser.description = (
+        "Print a script that completes commands, options and names: "
+        "source <(canroll completion bash)"
+    )
+    parser.add_argument("shell", choices=("bash", "zsh", "tcsh"))
 
 
 def listing(parser: Parser) -> None:
@@ -81,3 +93,34 @@ def run(args: argparse.Namespace) -> int:
         name, origin = f"{row['name']:<{widths[0]}}", f"{row['origin']:<{widths[1]}}"
         print(f"{name}  {origin}  {row['description']}".rstrip())
     return 0
+
+
+def complete(args: argparse.Namespace) -> int:
+    """Print a script with which a shell completes commands, options and names."""
+    shtab = optional("shtab", "canroll completion", "completion")
+    everything = argparse.ArgumentParser(prog="canroll")
+    # only called, never subclassed
+    commands = everything.add_subparsers(parser_class=cast(type[argparse.ArgumentParser], _parser))
+    for name in (name for names in TASKS.values() for name in names):
+        parser = commands.add_parser(name, help=COMMANDS[name].help)
+        for action in parser._actions:
+            _complete(action, shtab.FILE)
+    print(shtab.complete(everything, args.shell))
+    return 0
+
+
+def _parser(*, prog: str) -> argparse.ArgumentParser:
+    return parser_of(prog.rsplit(maxsplit=1)[-1])
+
+
+def _complete(action: argparse.Action, files: object) -> None:
+    """Name what can follow an option: the names of its registry, or a file."""
+    known: Iterable[str] = CHOICES[action.dest].values() if action.dest in CHOICES else ()
+    if action.dest == "scenario":
+        known = REGISTRIES["scenarios"]
+    elif action.dest in ("vehicle", "plant_vehicle"):
+        known = vehicles.names()
+    if names := sorted(known):
+        action.choices = action.choices or names
+    elif action.type is path_named:
+        action.complete = files  # type: ignore[attr-defined]

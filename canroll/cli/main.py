@@ -8,10 +8,10 @@ import os
 import sys
 import tempfile
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pkgutil import resolve_name
 
-from canroll.cli.commands import COMMANDS, handler, parser_of
+from canroll.cli.commands import COMMANDS, TASKS, handler, parser_of
 from canroll.errors import EXTRAS, CanrollError, MissingExtraError, UnknownNameError, reason
 from canroll.runs import mdf
 
@@ -23,19 +23,6 @@ PLAIN = {
 INTERNAL_ERROR = 3
 OF_THE_MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE, errno.ENOMEM)
 """Errors of the system that neither the input nor canroll is to blame for."""
-
-
-TASKS: Mapping[str, tuple[str, ...]] = {
-    "simulate": ("run", "compare", "sweep", "report"),
-    "design": ("design", "margins", "certify", "prove"),
-    "assess": ("campaign", "severe", "faults", "attacks", "reproduce"),
-    "characterise a vehicle": ("vehicle", "fit", "validate", "limit", "understeer", "response"),
-    "network": ("bus",),
-    "hardware": ("hil", "ecu", "plant", "watch"),
-    "export": ("export-c", "export-fmu", "timing"),
-    "names": ("list", "completion"),
-}
-"""The commands by what they are for."""
 
 
 def help_text() -> str:
