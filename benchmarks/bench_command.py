@@ -4,8 +4,8 @@
 
 The phases are shares of one ``canroll run double_lane_change`` in a process of its own: imports,
 wherever they happen, the design, the drives (with the loading of their machine code), what judges
-them, and page, picture and archive. Commands are measured with all that they start, warm, the
-least of N. Seconds are the processor's, user and system.
+them, page, and archive with all other files. Commands are measured with all that they start,
+warm, the least of N. Seconds are the processor's, user and system.
 """
 
 import argparse
@@ -35,7 +35,6 @@ PHASES = (
     ("drive", "canroll.runs.experiment", "drive"),
     ("judge", "canroll.runs.experiment", "assess"),
     ("page", "canroll.report.run_folder", "run_page"),
-    ("picture", "canroll.report.picture", "draw_picture"),
     ("archive", "canroll.report.run_folder", "write_files"),
 )
 """Phase, module and function; what a function calls of another phase is that phase's."""
@@ -91,10 +90,8 @@ def child(folder):
     builtins.__import__ = phases.importing(builtins.__import__)
     importlib.import_module = phases.importing(importlib.import_module)
     main = importlib.import_module("canroll.cli.main").main
+    importlib.import_module("canroll.runs.mdf").put_off()
     for name, module, function in PHASES:
-        if name == "picture":
-            # where there is one, a run imports it late
-            continue
         its = importlib.import_module(module)
         setattr(its, function, phases.of(name, getattr(its, function)))
     sys.stdout = open(os.devnull, "w")  # noqa: SIM115
