@@ -12,13 +12,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import cantools
 from cantools.database import Database, Message
 
 from canroll.errors import CanrollError, reason
-from dbc.tolerant import Repaired, repaired
+
+if TYPE_CHECKING:
+    from dbc.tolerant import Repaired
 
 _NAMED = 8
 """Defects of a kind that a warning names."""
@@ -176,6 +178,9 @@ def _of_dbc(path: Path, data: bytes) -> NetworkFile:
             notes = (*_broken(database), *_shared(database))
             return NetworkFile(path, database, _warnings(path, notes))
         except Exception:  # the first defect has been kept
+            # for a file that cannot be read as it is
+            from dbc.tolerant import repaired  # noqa: PLC0415
+
             repair = repaired(text)
         if "BO_" not in repair.text:
             raise strict
@@ -217,7 +222,7 @@ def _warnings(path: Path, defects: Iterable[str]) -> tuple[str, ...]:
     return (f"{path}: read leniently: {text}",) if text else ()
 
 
-def _repairs(repair: Repaired) -> Iterator[str]:
+def _repairs(repair: "Repaired") -> Iterator[str]:
     if repair.left_out:
         lines = [f"line {line} ({text})" for line, text in repair.left_out.items()]
         yield f"left out {_listed(lines)}"

@@ -14,16 +14,23 @@ from gain_gen.analysis.family import Family, FamilyRow, family_of
 from gain_gen.analysis.fitted_family import with_draws
 from gain_gen.analysis.speed_schedule import UNLIMITED, Speeds, scheduled, speeds_of
 from gain_gen.analysis.verify import holds, verify
-from gain_gen.laws import LAWS, OBSERVERS, WITHOUT_ROLL_RATE
+from gain_gen.laws import LAWS, OBSERVERS, WITHOUT_ROLL_RATE, is_of_user
 from gain_gen.laws.declared import COMPUTED, Declared, built_in, declared
 from gain_gen.laws.roll_rate_feedback import static_controller
 from gain_gen.laws.state_feedback import sensor_noise
 from gain_gen.models.controller import Controller
-from gain_gen.models.task import Check, Delay, Design, Solution, Task, in_words, made_of
+from gain_gen.models.task import (
+    UNVERIFIED,
+    Check,
+    Delay,
+    Design,
+    Solution,
+    Task,
+    in_words,
+    made_of,
+)
 from vehicles import Vehicle
 
-UNVERIFIED = "NOT VERIFIED"
-"""Start of the warning that marks a design that is used although it is not verified."""
 STEP_DB = 1.0
 """Reduction of the whole command per step of detuning, dB."""
 STEPS = 40
@@ -66,11 +73,6 @@ def design(
     if is_of_user(law, task):
         return _designed(law, task)
     return kept("designs", made_of(law, task), lambda: _designed(law, task))
-
-
-def is_of_user(law: str, task: Task) -> bool:
-    """Whether a design depends on code or a file of the user, which may change."""
-    return bool(task.matrices) or (law in LAWS and not LAWS.origin(law).is_built_in)
 
 
 def _designed(law: str, task: Task) -> Design:

@@ -12,7 +12,8 @@ from collections import deque
 
 from canroll.errors import CanrollError, reason
 from hil.bus_link import EXTENDED, NOTES, Frame
-from plant_sim.can_bus.servers.socketcand import DEFAULT_PORT, SocketcandServer
+from plant_sim.can_bus.servers import SOCKETCAND_PORT
+from plant_sim.can_bus.servers.socketcand import SocketcandServer
 from plant_sim.can_bus.wire import frame as wire
 
 CHANNEL = "plant"
@@ -96,7 +97,9 @@ def serve(address: str) -> OwnBus:
     """
     host, _, port = address.rpartition(":")
     if not host or not port.isdigit() or int(port) > 65535:
-        raise CanrollError(f"--serve {address}: give HOST:PORT, such as 127.0.0.1:{DEFAULT_PORT}")
+        raise CanrollError(
+            f"--serve {address}: give HOST:PORT, such as 127.0.0.1:{SOCKETCAND_PORT}"
+        )
     return OwnBus(SocketcandServer(channel=CHANNEL, host=host, port=int(port)))
 
 

@@ -17,18 +17,11 @@ from canroll.network.sources import BusNetwork, BusReplay, TrafficSet
 from canroll.report.console import Console
 from canroll.setup.choices import CHOICES, check
 from firmware.services.xcp_state import N_ODT
-from hil.hardware.interfaces import is_loopback
 from plant_sim.buses import BUSES
 from plant_sim.can_bus.bounds.analysis import ErrorModel
-from plant_sim.can_bus.kernel.network import build_network
 from plant_sim.can_bus.network.network_file import is_network, load_profile
-from plant_sim.can_bus.servers.frames import Mirror
-from plant_sim.can_bus.servers.shared_server import SharedBus
-from plant_sim.can_bus.servers.wall_clock import serve_network
-from plant_sim.can_bus.simulation.response_times import traffic_spec
-from plant_sim.can_bus.traffic.files import Traffic, load_traffic
+from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.traffic.log_name import LogName, log_name
-from plant_sim.can_bus.wire.frame import FD
 
 MAX_PORT = 65535
 
@@ -38,7 +31,10 @@ def run(args: argparse.Namespace) -> int:
     _check(args)
     source = open_source(args)
     if isinstance(source, TrafficSet) and (args.serve, args.share) != (None, None):
-        _serve(source.traffic, args)
+        # threads, sockets and protocols that nothing else of the command needs
+        from canroll.cli.bus_server import serve  # noqa: PLC0415
+
+        serve(source.traffic, args)
         return 0
     with terminal.progress(quiet=args.json) as progress:
         answers = source.analyse(_options(args), progress)
@@ -154,50 +150,3 @@ def _check_server(args: argparse.Namespace) -> None:
             raise CanrollError(f"--{option} {port}: the port must be 0 to {MAX_PORT}")
     if args.programs is not None and args.programs < 1:
         raise CanrollError(f"--programs must be at least 1, got {args.programs}")
-
-
-def _serve(traffic: Traffic, args: argparse.Namespace) -> None:
-    """Run the set in real time, or for programs in lock step."""
-    terminal.show_warnings(traffic.warnings)
-    if not is_loopback(args.host):
-        _say(f"note: anyone who can reach {args.host} can read and write this bus")
-    fd = ", ".join(m.name for m in traffic.messages if m.flags & FD)
-    if fd and args.serve is not None:
-        raise CanrollError(
-            "--serve: neither socketcand nor python-can's client for it supports CAN FD, so"
-            f" {fd} would be missing: use --share --programs N (interface=simbus_shared)"
-        )
-    spec = traffic_spec(
-        traffic.messages,
-        bitrate=traffic.bitrate,
-        data_bitrate=traffic.data_bitrate,
-        seed=args.seed,
-    )
-    network = build_network(spec)
-    if args.serve is not None:
-        serve_network(network, host=args.host, port=args.serve, announce=_say)
-        return
-    mirror = None if args.mirror is None else Mirror(args.mirror)
-    bus = SharedBus(
-        network,
-        programs=args.programs,
-        host=args.host,
-        port=args.share,
-        real_time=args.pace == "realtime",
-        mirror=mirror,
-    )
-    host, port = bus.address
-    _say(f"waiting for {args.programs} programs: interface=simbus_shared, channel={host}:{port}")
-    try:
-        _say(f"the last program left after {bus.run() * 1e-9:g} s of bus time")
-    except KeyboardInterrupt:
-        _say("stopped")
-    finally:
-        if mirror is not None:
-            mirror.close()
-            if mirror.failed:
-                _say(f"{args.mirror} did not accept {mirror.failed} frames")
-
-
-def _say(text: str) -> None:
-    print(text, flush=True)

@@ -10,8 +10,7 @@ from canroll.cli.options import (
 )
 from canroll.cli.parser import Parser, Relations
 from canroll.network import COMMANDS, SENSOR
-from plant_sim.can_bus.servers.shared_server import DEFAULT_PORT as SHARED_PORT
-from plant_sim.can_bus.servers.socketcand import DEFAULT_PORT
+from plant_sim.can_bus.servers import SHARED_PORT, SOCKETCAND_PORT
 
 PROPOSALS = ("priorities", "offsets")
 LOG, NETWORK, SET, DATABASE = "bus log", "network", "traffic set", "database"
@@ -184,10 +183,10 @@ def bus(parser: Parser) -> None:
         },
         nargs="?",
         type=int,
-        const=DEFAULT_PORT,
+        const=SOCKETCAND_PORT,
         metavar="PORT",
         help="run the traffic in real time, for python-can with interface=socketcand"
-        f" (default port: {DEFAULT_PORT})",
+        f" (default port: {SOCKETCAND_PORT})",
     )
     parser.add_argument(
         "--share",

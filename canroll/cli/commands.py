@@ -3,13 +3,13 @@
 Nothing heavy is imported here: a command's module is imported after its options are parsed.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pkgutil import resolve_name
+from typing import TYPE_CHECKING
 
-from canroll.cli.options import add_json
-from canroll.cli.parser import Parser
-
-KINDS = ("laws", "vehicles", "scenarios", "options", "buses", "bodies")
+if TYPE_CHECKING:
+    from canroll.cli.parser import Parser
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,30 +31,11 @@ def handler(name: str) -> str:
     return f"canroll.cli.{COMMANDS[name].handler or name.replace('-', '_') + ':run'}"
 
 
-def parser_of(name: str) -> Parser:
+def parser_of(name: str) -> "Parser":
     """Return the parser of a subcommand."""
-    parser = Parser(prog=f"canroll {name}")
+    parser: Parser = resolve_name("canroll.cli.parser:Parser")(prog=f"canroll {name}")
     resolve_name(f"canroll.cli.{COMMANDS[name].options}")(parser)
     return parser
-
-
-def completion(parser: Parser) -> None:
-    """Options of ``canroll completion``."""
-    parser.description = (
-        "Print a script that completes commands, options and names: "
-        "source <(canroll completion bash)"
-    )
-    parser.add_argument("shell", choices=("bash", "zsh", "tcsh"))
-
-
-def listing(parser: Parser) -> None:
-    """Options of ``canroll list``."""
-    parser.description = (
-        "List all names of a kind: built in, or from an installed package's entry points. "
-        "Laws, scenarios, buses and bodies can also be named as file.py:name or module:name."
-    )
-    parser.add_argument("kind", choices=KINDS, metavar="KIND", help=", ".join(KINDS))
-    add_json(parser)
 
 
 COMMANDS = {
@@ -136,11 +117,24 @@ COMMANDS = {
         "study_parsers:severe",
         "vehicle_tests:severe",
     ),
-    "completion": Subcommand("script for the completion of a shell", "commands:completion"),
+    "completion": Subcommand(
+        "script for the completion of a shell", "listing:completion", handler="listing:complete"
+    ),
     "list": Subcommand(
         "laws, vehicles, scenarios and their options, buses and bodies by name",
-        "commands:listing",
-        handler="main:list_names",
+        "listing:listing",
+        handler="listing:run",
     ),
 }
 """Every subcommand by its name."""
+TASKS: Mapping[str, tuple[str, ...]] = {
+    "simulate": ("run", "compare", "sweep", "report"),
+    "design": ("design", "margins", "certify", "prove"),
+    "assess": ("campaign", "severe", "faults", "attacks", "reproduce"),
+    "characterise a vehicle": ("vehicle", "fit", "validate", "limit", "understeer", "response"),
+    "network": ("bus",),
+    "hardware": ("hil", "ecu", "plant", "watch"),
+    "export": ("export-c", "export-fmu", "timing"),
+    "names": ("list", "completion"),
+}
+"""The commands by what they are for."""

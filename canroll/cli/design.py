@@ -19,13 +19,15 @@ from canroll.report.page import PageTable
 from canroll.setup.bus_frames import profile_of
 from canroll.setup.choices import check as check_choices
 from canroll.setup.choices import chosen
-from canroll.setup.controller import calibrated, options_of, stage_of, task_of
+from canroll.setup.controller import calibrated, options_of, task_of
+from canroll.setup.own_stages import stage_of
 from canroll.studies import equal_effort, variation
 from codegen.export.header import gains_header
 from codegen.generated import own_stage
 from gain_gen.analysis.speed_schedule import with_speed_rate
 from gain_gen.calibration import calibration_file
-from gain_gen.calibration.freeze import physical_notes, summary, title
+from gain_gen.calibration.dequantise import physical_notes
+from gain_gen.calibration.freeze import summary, title
 from gain_gen.design import design
 from gain_gen.laws import LAWS
 from gain_gen.models.task import Check, Delay, Design, Task

@@ -26,8 +26,8 @@ from canroll.report.staging import page_folder
 from canroll.runs import phase
 from canroll.setup.bus_frames import firmware_of, profile_of
 from canroll.setup.choice import several
-from canroll.setup.controller import stage_of
 from canroll.setup.keys import refuse_useless_key, secret_of
+from canroll.setup.own_stages import stage_of
 from canroll.studies import recorded_drive
 from canroll.studies.recorded_drive_page import drive_page, reception_table
 from codegen.generated.mailbox_frame import with_signals

@@ -26,7 +26,7 @@ from codegen.run import LASTING, ecu_traffic, memory_image
 from codegen.run.ecu_traffic import EcuTraffic
 from dbc.reader import paths_of
 from gain_gen.calibration import calibration_file
-from gain_gen.calibration.freeze import physical_notes
+from gain_gen.calibration.dequantise import physical_notes
 from gain_gen.calibration.record import identify
 
 HOSTILE_TICKS = 200

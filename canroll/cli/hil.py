@@ -11,9 +11,8 @@ from typing import Any
 import can
 from rich.table import Table
 
-from canroll.cli import terminal
+from canroll.cli import run_view, terminal
 from canroll.cli.options import OF_A_RUN, choices_of, folder_of
-from canroll.cli.terminal import show_timing
 from canroll.errors import CanrollError
 from canroll.exchange import signal_files
 from canroll.report.console import Console
@@ -26,7 +25,7 @@ from hil import hil_run, own_bus
 from hil.check import measure
 from hil.hardware.bus_options import has_bus, options_of, parsed_options
 from hil.hardware.interfaces import INTERFACES, is_shared
-from hil.timing import QUANTILES
+from hil.timing_rows import QUANTILES
 
 CHECKED = "double_lane_change"
 """The manoeuvre on whose frames ``--check`` times the firmware where none is named."""
@@ -157,10 +156,10 @@ def report(answer: dict[str, Any], args: argparse.Namespace, result: Any) -> Non
     if args.json:
         print(json.dumps(answer))
         return
-    terminal.show(result)
-    terminal.show_bus(result)
+    run_view.show(result)
+    run_view.show_bus(result)
     terminal.show_files(result.files)
-    show_timing(answer["timing"])
+    run_view.show_timing(answer["timing"])
 
 
 def show_check(answer: Mapping[str, Any]) -> None:

@@ -4,35 +4,16 @@ import argparse
 import codecs
 import errno
 import io
-import json
 import os
 import sys
 import tempfile
 import traceback
-from collections.abc import Iterator, Mapping, Sequence
-from importlib.metadata import version
+from collections.abc import Sequence
 from pkgutil import resolve_name
-from typing import Any
 
-import vehicles
-from canroll.cli import project_file
-from canroll.cli.commands import COMMANDS, handler, parser_of
-from canroll.cli.parser import UsageError
+from canroll.cli.commands import COMMANDS, TASKS, handler, parser_of
 from canroll.errors import EXTRAS, CanrollError, MissingExtraError, UnknownNameError, reason
-from canroll.registry import BUILT_IN, Registry
 from canroll.runs import mdf
-from gain_gen.laws import LAWS
-from plant_sim.bodies import BODIES
-from plant_sim.buses import BUSES
-from plant_sim.driving import MANEUVERS
-
-REGISTRIES: dict[str, Registry[Any]] = {
-    "laws": LAWS,
-    "scenarios": MANEUVERS,
-    "buses": BUSES,
-    "bodies": BODIES,
-}
-"""Further lists of ``canroll list``; extensions add to them."""
 
 PLAIN = {
     **{"°": " deg", "−": "-", "–": "-", "—": "-", "±": "+-", "·": ".", "×": "x", "…": "..."},
@@ -42,19 +23,6 @@ PLAIN = {
 INTERNAL_ERROR = 3
 OF_THE_MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE, errno.ENOMEM)
 """Errors of the system that neither the input nor canroll is to blame for."""
-
-
-TASKS: Mapping[str, tuple[str, ...]] = {
-    "simulate": ("run", "compare", "sweep", "report"),
-    "design": ("design", "margins", "certify", "prove"),
-    "assess": ("campaign", "severe", "faults", "attacks", "reproduce"),
-    "characterise a vehicle": ("vehicle", "fit", "validate", "limit", "understeer", "response"),
-    "network": ("bus",),
-    "hardware": ("hil", "ecu", "plant", "watch"),
-    "export": ("export-c", "export-fmu", "timing"),
-    "names": ("list", "completion"),
-}
-"""The commands by what they are for."""
 
 
 def help_text() -> str:
@@ -78,6 +46,12 @@ def help_text() -> str:
     )
 
 
+def _version() -> str:
+    from importlib.metadata import version  # noqa: PLC0415 - reads e-mail headers
+
+    return version("canroll")
+
+
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """Return the parsed arguments of one subcommand; ``arguments[0]`` is its name.
 
@@ -88,6 +62,10 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         UsageError: its options are wrong.
         CanrollError: an option would have no effect.
     """
+    # the table of choices, which --help does without
+    from canroll.cli import project_file  # noqa: PLC0415
+    from canroll.cli.parser import UsageError  # noqa: PLC0415
+
     name = arguments[0]
     if name.startswith("-"):
         raise UsageError(f"unknown option '{name}' (see 'canroll --help')")
@@ -114,62 +92,13 @@ def dispatch(arguments: Sequence[str]) -> int:
         print(help_text())
         return 0
     if arguments[0] == "--version":
-        print(f"canroll {version('canroll')}")
+        print(f"canroll {_version()}")
         return 0
     mdf.put_off()
     namespace = parse(arguments)
     code: int = resolve_name(handler(arguments[0]))(namespace)
     sys.stdout.flush()
     return code
-
-
-def entries(kind: str) -> list[dict[str, str]]:
-    """Return name, origin and one-line description of all objects of a kind.
-
-    Nothing is imported, so that an extension that cannot be imported is listed as well; only the
-    options of the manoeuvres are read from them.
-    """
-    if kind == "options":
-        return list(_options())
-    if kind not in REGISTRIES:
-        return [
-            {"name": name, "origin": BUILT_IN, "description": vehicles.load(name).title}
-            for name in vehicles.names()
-        ]
-    known = REGISTRIES[kind]
-    return [
-        {
-            "name": name,
-            "origin": known.origin(name).who,
-            "description": known.description(name).removesuffix("."),
-        }
-        for name in known
-    ]
-
-
-def _options() -> Iterator[dict[str, str]]:
-    from plant_sim.driving import maneuvers  # noqa: PLC0415 - numpy, which only this needs
-
-    for scenario in MANEUVERS:
-        for key, default in maneuvers.options(scenario).items():
-            yield {
-                "name": f"{scenario} {key}",
-                "origin": MANEUVERS.origin(scenario).who,
-                "description": maneuvers.describe(key, default),
-            }
-
-
-def list_names(args: argparse.Namespace) -> int:
-    """Print the names of a kind, one per line, or one JSON array."""
-    rows = entries(args.kind)
-    if args.json:
-        print(json.dumps(rows, ensure_ascii=False))
-        return 0
-    widths = [max(len(row[key]) for row in rows) for key in ("name", "origin")]
-    for row in rows:
-        name, origin = f"{row['name']:<{widths[0]}}", f"{row['origin']:<{widths[1]}}"
-        print(f"{name}  {origin}  {row['description']}".rstrip())
-    return 0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -239,7 +168,7 @@ def internal_error(error: Exception) -> int:
         with tempfile.NamedTemporaryFile(
             "w", prefix="canroll-error-", suffix=".txt", delete=False, encoding="utf-8"
         ) as file:
-            file.write(f"canroll {version('canroll')}\n{' '.join(sys.argv[1:])}\n{lines}")
+            file.write(f"canroll {_version()}\n{' '.join(sys.argv[1:])}\n{lines}")
         kept = f"please report it with {file.name}"
     except OSError:
         kept = f"please report it\n{lines}"

@@ -18,7 +18,6 @@ from gain_gen.analysis.family import Condition, FamilyMargins
 from gain_gen.analysis.margins import Margins
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
-from gain_gen.design import UNVERIFIED
 from gain_gen.margin_report import (
     DelayMargin,
     MarginReport,
@@ -27,6 +26,7 @@ from gain_gen.margin_report import (
     task_of,
     to_json,
 )
+from gain_gen.models.task import UNVERIFIED
 from gain_gen.monitors.detectability import Detectable, of_calibration
 from gain_gen.monitors.uncertainty import Uncertainty, stated
 

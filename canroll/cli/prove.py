@@ -8,7 +8,7 @@ from time import perf_counter
 from canroll.build_cache import key
 from canroll.cli.options import choices_of
 from canroll.errors import CanrollError
-from canroll.setup.controller import stage_of
+from canroll.setup.own_stages import stage_of
 from codegen.proof import prove
 from codegen.run import LASTING, SERVICES, memory_image
 from codegen.run.bus_firmware import (

@@ -5,11 +5,12 @@ import json
 from collections.abc import Collection
 from importlib.metadata import version
 from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import dbc
-from canroll.cli import terminal
+from canroll.cli import run_view, terminal
 from canroll.cli.options import choices_of, folder_of
-from canroll.exchange import signal_files
 from canroll.report.run_folder import write_files, write_text
 from canroll.report.run_page import run_page
 from canroll.report.staging import check_parent, usable_folder
@@ -20,13 +21,17 @@ from canroll.runs.trace import Trace
 from canroll.runs.virtual_time import Interrupted
 from dbc.reader import each
 
+if TYPE_CHECKING:
+    from canroll.exchange.signal_files import About
+
 
 def run(args: argparse.Namespace) -> int:
     """Run, report and write; 1 if the verdict is that control does not help."""
     out = folder_of(args)
-    for path, check in ((args.log, check_suffix), (args.signals, signal_files.check_suffix)):
-        if path is not None:
-            check_parent(check(path), out=out)
+    if args.log is not None:
+        check_parent(check_suffix(args.log), out=out)
+    if args.signals is not None:
+        check_parent(_signal_files().check_suffix(args.signals), out=out)
     if out is not None:
         usable_folder(out)
     try:
@@ -44,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         files["bus log"] = str(write_log(args.log, seen.frames))
     if args.signals is not None:
         files["signals"] = str(
-            signal_files.write_signals(args.signals, seen.signals, about(result, seen))
+            _signal_files().write_signals(args.signals, seen.signals, about(result, seen))
         )
     result = experiment.with_files(result, files)
     without = () if args.trace else ("trace",)
@@ -56,7 +61,14 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
-def about(result: Result, seen: Trace) -> signal_files.About:
+def _signal_files() -> ModuleType:
+    # formats of other tools, where one is asked for
+    from canroll.exchange import signal_files  # noqa: PLC0415
+
+    return signal_files
+
+
+def about(result: Result, seen: Trace) -> "About":
     """Return what goes with the signals of a run: its settings, ids and frames."""
     settings = result.settings
     texts = {
@@ -71,7 +83,10 @@ def about(result: Result, seen: Trace) -> signal_files.About:
         "canroll": version("canroll"),
         "verdict": result.verdict,
     }
-    return signal_files.About(texts, seen.frames, each(settings.profile.dbc or dbc.PATH))
+    described: About = _signal_files().About(
+        texts, seen.frames, each(settings.profile.dbc or dbc.PATH)
+    )
+    return described
 
 
 def answer(
@@ -87,9 +102,9 @@ def answer(
     if args.json:
         print(json.dumps(result.to_json()))
     else:
-        terminal.show(result)
+        run_view.show(result)
         if args.verbose:
-            terminal.show_bus(result)
+            run_view.show_bus(result)
         terminal.show_files(result.files)
     return result.exit_code
 

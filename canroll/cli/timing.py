@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canroll.cli.options import choices_of
-from canroll.cli.terminal import progress, show_timing
+from canroll.cli.run_view import show_timing
+from canroll.cli.terminal import progress
 from canroll.errors import CanrollError, MissingExtraError
 from canroll.runs import experiment
 from canroll.runs.experiment import plan
 from canroll.runs.result import Settings
 from canroll.runs.traffic import record_traffic
 from canroll.setup.controller import PreparedController
-from codegen.run import cortex, qemu, secured, unicorn
+from codegen.run import cortex, qemu, unicorn
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.cortex import CortexRun
 from codegen.run.ecu_traffic import EcuTraffic
@@ -60,7 +61,7 @@ def replay_here(
 ) -> CortexRun:
     """Replay in this process, with the authentication of a bus that has it."""
     if firmware.bus.secured:
-        return secured.replay(record, traffic, processor, firmware, key=key)
+        return unicorn.replay_secured(record, traffic, processor, firmware, key=key)
     return unicorn.replay(record, traffic, processor, firmware)
 
 

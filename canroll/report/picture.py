@@ -1,13 +1,10 @@
 """A picture of a run for a README or a mail: roll, moment and load transfer over time."""
 
-from pathlib import Path
-
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
 from canroll.arguments import checked
-from canroll.errors import writing
 from canroll.report.curves import MOMENT, signal, transfer
 from canroll.report.run_page import shown
 from canroll.runs.metrics import has_wheel_loads
@@ -40,16 +37,3 @@ def plot(result: Result) -> Figure:
         axes[0].legend(loc="upper right")
         axes[-1].set_xlabel("time (s)")
     return figure
-
-
-def draw_picture(result: Result, path: Path) -> Path:
-    """Write the figure of :func:`plot` as a PNG; return ``path``.
-
-    Raises:
-        CanrollError: the file cannot be written.
-    """
-    figure = plot(result)
-    with writing(path):
-        # without metadata the same run gives the same bytes
-        figure.savefig(path, dpi=120, metadata={"Software": None})
-    return path

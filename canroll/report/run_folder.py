@@ -1,4 +1,4 @@
-"""The files of a run: report, picture, bus log, header, calibration, numbers."""
+"""The files of a run: report, bus log, header, calibration, numbers."""
 
 import json
 from collections.abc import Callable, Collection, Mapping
@@ -14,8 +14,8 @@ from canroll.runs.logs import write_log
 from canroll.runs.result import Result
 from codegen.export.header import gains_header
 from gain_gen.calibration import calibration_file
-from gain_gen.calibration.freeze import physical_notes
-from gain_gen.design import UNVERIFIED
+from gain_gen.calibration.dequantise import physical_notes
+from gain_gen.models.task import UNVERIFIED
 
 
 def write_text(path: Path, text: str) -> Path:
@@ -32,7 +32,7 @@ def write_text(path: Path, text: str) -> Path:
 def write_files(result: Result, folder: Path, *, without: Collection[str] = ()) -> Result:
     """Write the files of a run to ``folder``, all or none; return the run with the paths.
 
-    report.html, roll.png, bus.asc, canroll_gains.h, calibration.toml, trace.npz, result.json.
+    report.html, bus.asc, canroll_gains.h, calibration.toml, trace.npz, result.json.
 
     Args:
         result: the run.
@@ -44,7 +44,6 @@ def write_files(result: Result, folder: Path, *, without: Collection[str] = ()) 
     """
     names = {
         "report": "report.html",
-        "picture": "roll.png",
         "log": "bus.asc",
         "header": "canroll_gains.h",
         "calibration": saved_run.CALIBRATION,
@@ -78,10 +77,6 @@ def _write_parts(result: Result, paths: Mapping[str, Path]) -> None:
         physical=physical_notes(result.record),
     )
     write_text(paths["header"], header)
-    # half a second that only this needs
-    from canroll.report.picture import draw_picture  # noqa: PLC0415
-
-    draw_picture(result, paths["picture"])
     write_text(paths["report"], run_page(result))
     hashed = [path for path in paths.values() if path.name in saved_run.HASHED]
     hashes = {path.name: saved_run.digest(path) for path in hashed}

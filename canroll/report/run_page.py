@@ -24,7 +24,7 @@ from canroll.report.workbench import workbench
 from canroll.runs.result import Result
 from canroll.runs.trace import Trace
 from canroll.typing import Vector
-from hil.timing import QUANTILES, ROWS, bus_lines
+from hil.timing_rows import QUANTILES, ROWS, bus_lines
 from plant_sim.bodies.ports import WHEELS
 from plant_sim.driving.maneuvers import written
 from plant_sim.driving.standards import cones_of

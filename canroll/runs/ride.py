@@ -11,11 +11,12 @@ from functools import cached_property
 from math import pi, sqrt
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
-from scipy.signal import bilinear, sosfilt
 
 from canroll.typing import Vector
 from plant_sim.kernels.instants import STEP_NS
+from plant_sim.kernels.jit import njit
 
 SAMPLE = STEP_NS * 1e-9
 """Time between two values of a signal (s)."""
@@ -60,8 +61,22 @@ class Weighting:
     @cached_property
     def sections(self) -> NDArray[np.float64]:
         """Second-order sections of :data:`SAMPLE`, by the bilinear transformation."""
-        rows = [np.concatenate(bilinear(*factor, 1 / SAMPLE)) for factor in self.factors]
-        return np.array(rows)
+        return np.array([_digital(*factor) for factor in self.factors])
+
+
+def _digital(numerator: tuple[float, ...], denominator: tuple[float, ...]) -> Vector:
+    """Return the section b0, b1, b2, 1, a1, a2 with s = 2 (z − 1)/(z + 1) / :data:`SAMPLE`."""
+    root = sqrt(2 / SAMPLE)
+    above, below = Polynomial((-1, 1)) * root, Polynomial((1, 1)) / root
+    top, bottom = (
+        sum(
+            (c * below ** (2 - power) * above**power for power, c in enumerate(reversed(analog))),
+            Polynomial([0.0]),
+        ).coef[::-1]
+        for analog in (numerator, denominator)
+    )
+    section: Vector = np.concatenate((top, bottom)) / bottom[0]
+    return section
 
 
 W_K = Weighting((12.5, 12.5), 0.63, (2.37, 0.91, 3.35, 0.91))
@@ -74,10 +89,27 @@ W_E = Weighting((1.0, 1.0), 0.63)
 
 def weighted_rms(weighting: Weighting, parts: Iterable[Vector]) -> float:
     """Return the RMS of a weighted signal, whose ``parts`` follow each other; 0 without values."""
-    state = np.zeros((len(weighting.sections), 2))
+    sections = weighting.sections
+    state = np.zeros((len(sections), 2))
     squares, count = 0.0, 0
     for values in parts:
-        weighted, state = sosfilt(weighting.sections, values, zi=state)
-        squares += float(np.sum(np.square(weighted)))
+        squares += float(np.sum(np.square(_filtered(sections, values, state))))
         count += len(values)
     return sqrt(squares / count) if count else 0.0
+
+
+# scipy.signal has it too, and takes longer to import than a run to drive
+@njit
+def _filtered(sections: NDArray[np.float64], values: Vector, state: NDArray[np.float64]) -> Vector:
+    """Return what the sections make of values, one after the other; their state is changed."""
+    weighted = np.empty(len(values))
+    for n in range(len(values)):
+        value = values[n]
+        for k in range(len(sections)):
+            b0, b1, b2, _, a1, a2 = sections[k]
+            given = value
+            value = b0 * given + state[k, 0]
+            state[k, 0] = b1 * given - a1 * value + state[k, 1]
+            state[k, 1] = b2 * given - a2 * value
+        weighted[n] = value
+    return weighted

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,18 +13,16 @@ from canroll.errors import CanrollError, VerdictError
 from canroll.setup.bus_frames import absent, profile_of
 from canroll.setup.choices import CHOICES, PASSIVE, check, chosen
 from canroll.setup.delay import sample_to_force
+from canroll.setup.own_stages import stage_of
 from codegen.generated import own_stage
 from codegen.generated.mailbox import SAMPLE_COUNTERS
 from codegen.generated.own_stage import OwnStage
-from codegen.run.bus_firmware import built_in, with_stage
 from firmware import calibration as fw
 from firmware.calibration import Calibration
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE
 from gain_gen.calibration.calibration_file import LoadedCalibration, load
-from gain_gen.calibration.freeze import calibrate
-from gain_gen.calibration.quantise import ACTUATOR_NUMBER, QuantiseOptions
-from gain_gen.design import design, is_of_user, without_control
-from gain_gen.laws import LAWS, WITHOUT_ROLL_RATE
+from gain_gen.calibration.options import ACTUATOR_NUMBER, QuantiseOptions
+from gain_gen.laws import LAWS, WITHOUT_ROLL_RATE, is_of_user
 from gain_gen.models.task import Delay, Design, Task, made_of
 from gain_gen.monitors.uncertainty import BY_STEERING, EVERY, of_vehicle, stated
 from plant_sim.can_bus.network.own_frames import bus_map
@@ -110,23 +107,6 @@ def prepare(choices: Mapping[str, Any]) -> PreparedController:
         stage = stage_of({}, choices)
         controller = _designed(choices)
     return replace(controller, tables=own_stage.added(controller.tables, stage))
-
-
-def stage_of(tables: Mapping[str, Any], choices: Mapping[str, Any]) -> OwnStage | None:
-    """Return the own stage of a calibration or of ``choices``, checked and proved.
-
-    Raises:
-        CanrollError: it cannot be read, or is no stage; both name one.
-    """
-    stage = own_stage.carried(tables)
-    if choices.get("stage") is not None:
-        if stage is not None:
-            raise CanrollError(
-                f"--stage: the calibration carries the stage {stage.file}: omit --stage"
-            )
-        stage = own_stage.read(Path(choices["stage"]))
-    with_stage(built_in(), stage)
-    return stage
 
 
 def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
@@ -280,6 +260,10 @@ def calibrated(
     """
 
     def make() -> tuple[Design, Calibration, Mapping[str, Any]]:
+        # solvers, verification and the integer loop, for what is not kept from before
+        from gain_gen.calibration.freeze import calibrate  # noqa: PLC0415
+        from gain_gen.design import design, without_control  # noqa: PLC0415
+
         # without control the frames go on all the same
         answer = without_control(task) if law == PASSIVE else design(law, task)
         if task.actuator == "valves" and not answer.controller.commands_axles:

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
-from codegen.c99 import kept
+from codegen.c99 import kept, record_name
 from codegen.c99.function import FunctionWriter
 from codegen.c99.linkage import PUBLIC_NUMBERS, PUBLIC_TABLES, Home, Names, linkage
 from codegen.c99.text import (
@@ -243,11 +243,6 @@ class Emitter:
         lines += [f"    (void){name};" for name in function.parameters if name not in used]
         lines += body.lines()
         return [*lines, "}", ""]
-
-
-def record_name(name: str) -> str:
-    """The C type of a record class."""
-    return f"canroll_{name.lower()}"
 
 
 def _described(meaning: str, unit: str, q: int) -> str:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from canroll.errors import CanrollError
 from codegen.c99.linkage import Names, linkage
-from codegen.frame import own_checksum
+from codegen.frame.checksum import PREFIX
 from codegen.generated import own_stage
 from codegen.proof.prove import Proof, prove
 from codegen.run.bus_firmware import BusFirmware
@@ -84,7 +84,7 @@ def rows(program: Program, files: Mapping[str, str]) -> dict[str, list[Row]]:
         if function.key not in links.reachable:
             continue
         asked = [its.name for its in requirements() if its.covers(function)]
-        if function.module == own_stage.NAME or function.module.startswith(own_checksum.PREFIX):
+        if function.module == own_stage.NAME or function.module.startswith(PREFIX):
             asked = [""]
         if len(asked) != 1:
             said = " and ".join(asked) or "none"

@@ -5,16 +5,19 @@ from the frame, its identity or constants. A fold makes a number of them: a CRC,
 A finish negates it or inverts bits. Its place holds the number.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, reduce
+from functools import cache, cached_property, reduce
 from operator import xor
+from pathlib import Path
+from typing import Any
 
-from codegen.frame.own_checksum import OwnChecksum
 from codegen.frame.place import Place
 
 LISTED = 16
 """Entries of a list that the counter selects from."""
+PREFIX = "maker_"
+"""What names of the firmware's modules begin with that files of users became."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +53,46 @@ class Bits:
 
 Unit = tuple[Bits, ...]
 """What one step of a fold takes in: bits that do not overlap."""
+
+
+@dataclass(frozen=True)
+class OwnChecksum:
+    """A user's function for a checksum (:mod:`codegen.frame.own_checksum`).
+
+    Attributes:
+        path: its file, for messages.
+        source: the file's text.
+        name: the function.
+        result: kind of what it returns.
+        size: bytes of the frame that it is given, at least.
+    """
+
+    path: Path
+    source: str
+    name: str
+    result: str
+    size: int
+
+    @property
+    def module(self) -> str:
+        """The firmware's module that the file becomes."""
+        return f"{PREFIX}{self.path.stem}"
+
+    @cached_property
+    def _function(self) -> Callable[[list[int], int], int]:
+        function: Callable[[list[int], int], int] = self.namespace()[self.name]
+        return function
+
+    def namespace(self) -> dict[str, Any]:
+        """What the file defines, run anew."""
+        found: dict[str, Any] = {"__name__": self.module}
+        exec(compile(self.source, str(self.path), "exec"), found)
+        return found
+
+    def __call__(self, payload: Sequence[int], identifier: int) -> int:
+        """Return the checksum of a frame, of which bytes that it does not have are 0."""
+        padded = [*payload, *[0] * max(self.size - len(payload), 0)]
+        return self._function(padded, identifier)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,15 +8,14 @@ with the frame and its identifier. What it returns is put into the checksum's pl
 import ast
 import re
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from functools import cache, cached_property
+from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
-from typing import Any
 
 from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
 from codegen.c99.emit import Emitter
+from codegen.frame.checksum import PREFIX, OwnChecksum
 from codegen.proof.prove import prove
 from codegen.subset import rules
 from codegen.subset.parse import load
@@ -29,8 +28,6 @@ TAKEN = (
 )
 """Names that the module of the frames' protection has for something else."""
 RESULTS = ("i32", "u32", "i64")
-PREFIX = "maker_"
-"""What names of the firmware's modules begin with that files of users became."""
 MOST_CHARACTERS = 100_000
 # what the proof starts from: any frame, any identifier of up to 29 bits
 ENTRY = "entry_of_maker"
@@ -45,46 +42,6 @@ def tick(payload: Annotated[list[u8], {size}], identifier: i32) -> i64:
     return {name}(payload, identifier & {identifiers})
 """
 IDENTIFIERS = (1 << 29) - 1
-
-
-@dataclass(frozen=True)
-class OwnChecksum:
-    """A function for a checksum.
-
-    Attributes:
-        path: its file, for messages.
-        source: the file's text.
-        name: the function.
-        result: kind of what it returns.
-        size: bytes of the frame that it is given, at least.
-    """
-
-    path: Path
-    source: str
-    name: str
-    result: str
-    size: int
-
-    @property
-    def module(self) -> str:
-        """The firmware's module that the file becomes."""
-        return f"{PREFIX}{self.path.stem}"
-
-    @cached_property
-    def _function(self) -> Callable[[list[int], int], int]:
-        function: Callable[[list[int], int], int] = self.namespace()[self.name]
-        return function
-
-    def namespace(self) -> dict[str, Any]:
-        """What the file defines, run anew."""
-        found: dict[str, Any] = {"__name__": self.module}
-        exec(compile(self.source, str(self.path), "exec"), found)
-        return found
-
-    def __call__(self, payload: Sequence[int], identifier: int) -> int:
-        """Return the checksum of a frame, of which bytes that it does not have are 0."""
-        padded = [*payload, *[0] * max(self.size - len(payload), 0)]
-        return self._function(padded, identifier)
 
 
 def own_checksum(text: str, folder: Path, where: str) -> OwnChecksum:

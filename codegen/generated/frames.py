@@ -11,7 +11,8 @@ import sys
 from pathlib import Path
 
 from codegen.generated.bus_map import load
-from codegen.generated.signals import DBC, MAP, ROOT, room, write_or_check
+from codegen.generated.mailbox import room
+from codegen.generated.signals import DBC, MAP, ROOT, write_or_check
 from dbc.reader import Files
 
 FRAMES = ROOT / "firmware" / "com" / "frames.py"

@@ -1,7 +1,7 @@
 """One mailbox of the firmware: the frame in it, its signals, fields, pages and protection."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -144,6 +144,12 @@ class Frames:
     network: NetworkDescription
     map_file: Path
     secoc: Mapping[int, str] | None
+
+
+def room(boxes: Iterable[Mailbox]) -> int:
+    """Return the bytes of each mailbox: whole words, one at least."""
+    longest = max((box.sent_length for box in boxes), default=0)
+    return max(WORD, -(-longest // WORD) * WORD)
 
 
 def received(

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from codegen.frame.checksum import Bits
+from codegen.frame.checksum import Bits, OwnChecksum
 from codegen.frame.checksum_code import (
     WRITTEN_OUT,
     Writer,
@@ -21,7 +21,7 @@ from codegen.frame.checksum_code import (
     result_kind,
 )
 from codegen.frame.frame_protection import Protection
-from codegen.frame.own_checksum import OwnChecksum, modules
+from codegen.frame.own_checksum import modules
 from codegen.frame.place import Place
 from codegen.generated.bus_map import BusMap, load
 from codegen.generated.mailbox import Mailbox

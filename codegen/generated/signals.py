@@ -20,6 +20,7 @@ from codegen.generated.mailbox import (
     VALID_BITS,
     WORD,
     Mailbox,
+    room,
 )
 from codegen.generated.mapped_signal import MappedSignal
 from codegen.generated.packing import STORE, STORE_WORD, dispatch_pack, pack
@@ -116,12 +117,6 @@ def _float32(bus: BusMap) -> str:
     sides = {"code_of": bus.transmitted, "fixed_of": bus.received}
     used = [n for n, boxes in sides.items() if any(s.real for box in boxes for s in box.signals)]
     return f"from firmware.com.float32 import {', '.join(used)}\n" if used else ""
-
-
-def room(boxes: Iterable[Mailbox]) -> int:
-    """Return the bytes of each mailbox: whole words, one at least."""
-    longest = max((box.sent_length for box in boxes), default=0)
-    return max(WORD, -(-longest // WORD) * WORD)
 
 
 def _tables(bus: BusMap) -> Iterable[str]:

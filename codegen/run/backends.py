@@ -14,7 +14,6 @@ from codegen.run.ecu import Backend, EcuBackend
 from codegen.run.ecu_traffic import EcuTraffic, Frame, Payload
 from codegen.run.machine import PythonMachine
 from codegen.run.secured import NEW, Lasting, SecuredEcu
-from codegen.run.unicorn import CortexEcu
 from dbc.keys import DEVELOPMENT_KEY
 from firmware.calibration import Calibration
 
@@ -79,6 +78,9 @@ def open_backend(
     elif name == "native":
         ecu = NativeEcu(calibration, firmware)
     else:
+        # the builds for a processor, its emulator and the reader of its images
+        from codegen.run.unicorn import CortexEcu  # noqa: PLC0415
+
         ecu = CortexEcu(calibration, cpu=name, firmware=firmware)
     if not ecu.firmware.bus.secured:
         return ecu

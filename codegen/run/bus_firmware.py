@@ -7,39 +7,26 @@ reads one takes its class from here.
 """
 
 import importlib
-import importlib.util
-import re
-import sys
-import tempfile
-import zlib
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import firmware.ecu
-from codegen.c99 import emit, kept
-from codegen.generated import frames, own_stage, protection, signals
+import dbc
+from codegen.c99 import kept
 from codegen.generated.bus_map import BusMap, frame_ident, load
+from codegen.generated.mailbox import room
 from codegen.generated.own_stage import OwnStage
-from codegen.proof import stage_rules
-from codegen.proof.prove import prove
-from codegen.subset import parse, rules
-from codegen.subset.program import FIRMWARE, Program, copy_sources, file_of
 from dbc.reader import Files
+from firmware.state import Ecu
+
+if TYPE_CHECKING:
+    from codegen.subset.program import Program
 
 Result = TypeVar("Result")
-GENERATED = {
-    "frames.py": frames.generate,
-    "protection.py": protection.generate,
-    "signals.py": signals.generate,
-}
-"""Modules of the firmware that a bus makes."""
-PLACE = Path("firmware")
-"""Where messages say that generated modules are; their files last no longer than a run."""
+MAP = dbc.PATH.with_suffix(".toml")
 AUTHENTICATION = "secoc"
 """The service of a bus with authenticated frames."""
 
@@ -85,7 +72,7 @@ class BusFirmware:
     def files(self) -> dict[str, str]:
         """The firmware in C, by file name."""
         if not self.modules and not self.services:
-            return emit.firmware()
+            return kept.translation("ecu", self._translated)
         return kept.translation(self._parts, self._translated)
 
     def kept(self, what: str, make: Callable[[], Result]) -> Result:
@@ -98,51 +85,27 @@ class BusFirmware:
         return sorted(self.modules.items()), self.services, sorted(self._shown.items())
 
     def _translated(self) -> dict[str, str]:
-        program = self.program()
-        if self.stage:
-            rules.check(program)
-            stage_rules.check(program, prove(program, bounded=own_stage.NAME))
-        return emit.Emitter(program).files()
+        return _translation().translated(self.program(), self.stage)  # type: ignore[no-any-return]
 
-    def program(self) -> Program:
+    def program(self) -> "Program":
         """The firmware as data, read anew."""
-        with self._folder() as folder:
-            return parse.load(folder=folder, shown=self._shown, services=self.services)
+        program: Program = _translation().program_of(self.modules, self.services, self._shown)
+        return program
 
     @cached_property
     def _shown(self) -> dict[str, Path]:
         """Where messages say that a module is."""
-        stems = [Path(name).stem for name in self.modules]
-        shown = {stem: PLACE / file_of(stem, FIRMWARE).relative_to(FIRMWARE) for stem in stems}
-        if self.stage:
-            shown[own_stage.NAME] = self.stage.path
-        return shown | {name: own.path for name, own in protection.own_functions(self.bus).items()}
+        if not self.modules:
+            return {}
+        return _translation().shown(self.bus, self.modules, self.stage)  # type: ignore[no-any-return]
 
     @cached_property
     def loop(self) -> ModuleType:
         """The module with ``init``, ``receive`` and ``tick``, for CPython."""
         if not self.modules:
-            return firmware.ecu
-        parts = [*(self.modules[name] for name in sorted(self.modules)), *self.services]
-        text = "".join(parts)
-        name = f"canroll_firmware_{zlib.crc32(text.encode()):08x}"
-        with self._folder() as folder:
-            for path in folder.rglob("*.py"):
-                source = path.read_text(encoding="utf-8")
-                source = re.sub(r"^from firmware\b", f"from {name}", source, flags=re.MULTILINE)
-                path.write_text(source, encoding="utf-8")
-            spec = importlib.util.spec_from_file_location(
-                name, folder / "__init__.py", submodule_search_locations=[str(folder)]
-            )
-            assert spec is not None and spec.loader is not None
-            package = importlib.util.module_from_spec(spec)
-            sys.modules[name] = package
-            spec.loader.exec_module(package)
-            # the folder lasts no longer than this: a service is imported now or never
-            for service in self.services:
-                place = file_of(service, folder).relative_to(folder).with_suffix("")
-                importlib.import_module(".".join((name, *place.parts)))
-            return importlib.import_module(f"{name}.ecu")
+            return importlib.import_module("firmware.ecu")
+        loop: ModuleType = _translation().imported(self.modules, self.services)
+        return loop
 
     @property
     def heard(self) -> frozenset[int]:
@@ -163,7 +126,7 @@ class BusFirmware:
     @property
     def room(self) -> int:
         """Bytes of its largest mailbox."""
-        return max(signals.room(self.bus.received), signals.room(self.bus.transmitted))
+        return max(room(self.bus.received), room(self.bus.transmitted))
 
     def module(self, name: str) -> Any:  # noqa: ANN401
         """One of its modules for CPython, with its room's name where it has one."""
@@ -174,29 +137,26 @@ class BusFirmware:
         module, _, function = name.rpartition(".")
         if not module:
             return getattr(self.loop, function)  # type: ignore[no-any-return]
-        place = file_of(module).relative_to(FIRMWARE).with_suffix("")
-        return getattr(self.module(".".join(place.parts)), function)  # type: ignore[no-any-return]
+        named = _translation().with_room(module)
+        return getattr(self.module(named), function)  # type: ignore[no-any-return]
 
     @property
     def record(self) -> Any:  # noqa: ANN401
         """The class of the state record: that of the firmware's module ``state``."""
-        return self.loop.Ecu
+        return self.loop.Ecu if self.modules else Ecu
 
-    @contextmanager
-    def _folder(self) -> Iterator[Path]:
-        """A folder with all modules of the firmware."""
-        with tempfile.TemporaryDirectory() as temporary:
-            folder = Path(temporary)
-            copy_sources(folder)
-            for name, text in self.modules.items():
-                file_of(Path(name).stem, folder).write_text(text, encoding="utf-8")
-            yield folder
+
+def _translation() -> ModuleType:
+    # parser, prover and translator: a third of a command's imports, for what is kept from before
+    from codegen.run import translation  # noqa: PLC0415
+
+    return translation
 
 
 @cache
 def built_in() -> BusFirmware:
     """The firmware for ``dbc/roll_control.dbc``."""
-    return BusFirmware(load(signals.DBC, signals.MAP), {})
+    return BusFirmware(load(dbc.PATH, MAP), {})
 
 
 def of_bus(files: Files, map_file: Path) -> BusFirmware:
@@ -205,12 +165,10 @@ def of_bus(files: Files, map_file: Path) -> BusFirmware:
     Raises:
         CanrollError: an inconsistency between DBC and map; the message names file and key.
     """
-    if (files, map_file) == (signals.DBC, signals.MAP):
+    if (files, map_file) == (dbc.PATH, MAP):
         return built_in()
-    modules = {name: generate(files, map_file) for name, generate in GENERATED.items()}
     bus = load(files, map_file)
-    own = protection.own_functions(bus)
-    modules |= {f"{name}.py": function.source for name, function in own.items()}
+    modules = _translation().modules_of(files, map_file, bus)
     return _of_sources(bus, tuple(sorted(modules.items())))
 
 
@@ -223,7 +181,9 @@ def with_stage(firmware: BusFirmware, stage: OwnStage | None) -> BusFirmware:
     """
     if stage is None:
         return firmware
-    modules = {**firmware.modules, **own_stage.modules(stage)}
+    from codegen.run import stage_modules  # noqa: PLC0415 - the parser, for a stage alone
+
+    modules = {**firmware.modules, **stage_modules.modules(stage)}
     its = replace(firmware, modules=modules, stage=stage)
     # checked and proved as it is translated
     _ = its.files

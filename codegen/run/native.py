@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from canroll import build_cache
 from canroll.errors import CanrollError
-from codegen.c99.emit import record_name
+from codegen.c99 import record_name
 from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.ecu_traffic import EcuTraffic, refused
 from codegen.run.machine import c_name

@@ -7,16 +7,10 @@ sent; lasting memory counts the starts and remembers those of the senders.
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from codegen.run import memory_image
 from codegen.run.bus_firmware import BusFirmware
-from codegen.run.cortex import CortexRun, sent
 from codegen.run.ecu import EcuBackend
-from codegen.run.ecu_traffic import EcuTraffic, Frame, Payload
+from codegen.run.ecu_traffic import Frame, Payload
 from codegen.run.machine import Machine, MachineRecord
-from codegen.run.unicorn import CortexEcu
-from firmware.calibration import Calibration
 from firmware.security.secoc_state import RESET_MAX, SECURED
 
 LISTENING_US = 100_000
@@ -154,42 +148,3 @@ class SecuredEcu:
 def listening_ticks(tick_us: int) -> int:
     """Return the ticks of :data:`LISTENING_US`."""
     return -(-LISTENING_US // tick_us)
-
-
-def replay(
-    calibration: Calibration, traffic: EcuTraffic, name: str, firmware: BusFirmware, *, key: bytes
-) -> CortexRun:
-    """Replay authenticated ``traffic`` on an emulated processor, counting instructions and stack.
-
-    A tick's instructions are those of the loop, and of the authentication of all frames received
-    before it and sent by it.
-    """
-    kind = memory_image.dtype(firmware.record)
-    ecu = CortexEcu(calibration, cpu=name, count=True, firmware=firmware)
-    machine = ecu.machine
-    secoc = SecocModule(machine, firmware)
-    secoc.start(key, 1, listening_ticks(calibration.tick_us))
-    slot_of = {ident: slot for slot, (ident, _) in enumerate(firmware.sent)}
-    states = np.zeros(traffic.ticks, kind)
-    counts = np.zeros(traffic.ticks, np.int64)
-    added = np.zeros(traffic.ticks, np.int64)
-    for t, (elapsed, received) in enumerate(traffic.by_tick()):
-        secoc.elapse(elapsed)
-        added[t] += machine.instructions
-        for event in received:
-            message, length = int(event["message"]), int(event["length"])
-            frame = event["payload"].tobytes()
-            taken = secoc.verify(message, frame, length)
-            added[t] += machine.instructions
-            if taken or message >= len(firmware.bus.received):
-                ecu.put(message, frame, length)
-        ecu.advance(elapsed)
-        counts[t] = machine.instructions
-        states[t] = np.frombuffer(ecu.image(), kind, 1)[0]
-        for ident, payload in ecu.send():
-            secoc.protect(slot_of[ident], payload)
-            added[t] += machine.instructions
-    frames = sent(states, firmware)
-    return CortexRun(
-        name, "unicorn", frames, states, counts + added, machine.stack, authentication=added
-    )

@@ -16,6 +16,7 @@ from codegen.run.cortex import CPUS, CortexRun, sent, zig_image
 from codegen.run.ecu import EcuBackend
 from codegen.run.ecu_traffic import EcuTraffic
 from codegen.run.machine import c_name
+from codegen.run.secured import SecocModule, listening_ticks
 from firmware.calibration import Calibration
 
 RECORDS, ARRAYS, RETURN, STACK_TOP = 0x20010000, 0x20006000, 0x20007000, 0x20010000
@@ -190,3 +191,42 @@ def replay(
         states[t] = np.frombuffer(ecu.image(), kind, 1)[0]
         ecu.send()
     return CortexRun(name, "unicorn", sent(states, firmware), states, counts, ecu.machine.stack)
+
+
+def replay_secured(
+    calibration: Calibration, traffic: EcuTraffic, name: str, firmware: BusFirmware, *, key: bytes
+) -> CortexRun:
+    """Replay authenticated ``traffic`` on an emulated processor, counting instructions and stack.
+
+    A tick's instructions are those of the loop, and of the authentication of all frames received
+    before it and sent by it.
+    """
+    kind = memory_image.dtype(firmware.record)
+    ecu = CortexEcu(calibration, cpu=name, count=True, firmware=firmware)
+    machine = ecu.machine
+    secoc = SecocModule(machine, firmware)
+    secoc.start(key, 1, listening_ticks(calibration.tick_us))
+    slot_of = {ident: slot for slot, (ident, _) in enumerate(firmware.sent)}
+    states = np.zeros(traffic.ticks, kind)
+    counts = np.zeros(traffic.ticks, np.int64)
+    added = np.zeros(traffic.ticks, np.int64)
+    for t, (elapsed, received) in enumerate(traffic.by_tick()):
+        secoc.elapse(elapsed)
+        added[t] += machine.instructions
+        for event in received:
+            message, length = int(event["message"]), int(event["length"])
+            frame = event["payload"].tobytes()
+            taken = secoc.verify(message, frame, length)
+            added[t] += machine.instructions
+            if taken or message >= len(firmware.bus.received):
+                ecu.put(message, frame, length)
+        ecu.advance(elapsed)
+        counts[t] = machine.instructions
+        states[t] = np.frombuffer(ecu.image(), kind, 1)[0]
+        for ident, payload in ecu.send():
+            secoc.protect(slot_of[ident], payload)
+            added[t] += machine.instructions
+    frames = sent(states, firmware)
+    return CortexRun(
+        name, "unicorn", frames, states, counts + added, machine.stack, authentication=added
+    )

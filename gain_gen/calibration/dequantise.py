@@ -4,8 +4,7 @@ import numpy as np
 
 from firmware import calibration as fw
 from firmware.calibration import Calibration
-from gain_gen.calibration.quantise import Q_COMPENSATOR, Q_COMPENSATOR_INPUTS
-from gain_gen.calibration.rows import Q_MEASURED, Q_STATE
+from gain_gen.calibration.rows import Q_COMPENSATOR, Q_COMPENSATOR_INPUTS, Q_MEASURED, Q_STATE
 from gain_gen.models.controller import Compensator, Controller
 from gain_gen.models.observer import Observer, ObserverModel
 from gain_gen.models.roll import Matrix
@@ -76,6 +75,14 @@ def physical_rows(record: Calibration) -> dict[str, list[Matrix]]:
             for k in outputs
         ]
     return rows
+
+
+def physical_notes(record: Calibration) -> dict[str, str]:
+    """Return the coefficient rows in SI units, as comments by field."""
+    return {
+        name: "; ".join(" ".join(f"{value:.6g}" for value in row) for row in rows)
+        for name, rows in physical_rows(record).items()
+    }
 
 
 def _gain(record: Calibration, m: int, i: int) -> float:

@@ -11,8 +11,8 @@ from canroll.errors import CanrollError
 from firmware.calibration import Calibration
 from firmware.check import check
 from gain_gen.calibration.calibration_file import VEHICLE
-from gain_gen.calibration.dequantise import physical_rows
-from gain_gen.calibration.quantise import Quantised, QuantiseOptions, law_kind, quantise_design
+from gain_gen.calibration.options import QuantiseOptions
+from gain_gen.calibration.quantise import Quantised, law_kind, quantise_design
 from gain_gen.calibration.record import fill, identify
 from gain_gen.calibration.response_part import unwatched
 from gain_gen.calibration.rounding_error import quantisation_checks
@@ -194,11 +194,3 @@ def title(design: Design) -> list[str]:
         f"to force, stable up to {admitted} ms",
         verdict,
     ]
-
-
-def physical_notes(record: Calibration) -> dict[str, str]:
-    """Return the coefficient rows in SI units, as comments by field."""
-    return {
-        name: "; ".join(" ".join(f"{value:.6g}" for value in row) for row in rows)
-        for name, rows in physical_rows(record).items()
-    }

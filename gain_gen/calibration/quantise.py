@@ -11,14 +11,20 @@ from firmware import calibration as fw
 from firmware.state import RX_ACTUATOR_STATE, RX_SUSPENSION_RATE
 from gain_gen.calibration.monitor_part import clock_fields, erratic_fields
 from gain_gen.calibration.observer_part import covariance_fields, observer_fields
+from gain_gen.calibration.options import ACTUATOR_NUMBER, QuantiseOptions
 from gain_gen.calibration.response_part import response_fields
-from gain_gen.calibration.rows import Q_MEASURED, Q_STATE, QuantisedRow, quantise_row
+from gain_gen.calibration.rows import (
+    Q_COMPENSATOR,
+    Q_COMPENSATOR_INPUTS,
+    Q_MEASURED,
+    Q_STATE,
+    QuantisedRow,
+    quantise_row,
+)
 from gain_gen.calibration.vehicle_part import timeouts, vehicle_fields
 from gain_gen.models.controller import Compensator, matrices
 from gain_gen.models.roll import stationary_covariance
 from gain_gen.models.task import EPSILON_SQUARED, Design
-from gain_gen.monitors.uncertainty import DEFAULT, Uncertainty
-from vehicles.actuators import ACTUATORS
 
 Value = int | list[int] | list[list[int]]
 Fields = dict[str, Value]
@@ -33,39 +39,10 @@ OBSERVER_NUMBER = {
     "acceleration_propagated": fw.PROPAGATED_COVARIANCE,
     "reference": fw.BYPASS,
 }
-ACTUATOR_NUMBER = {name: actuator.number for name, actuator in ACTUATORS.items()}
-Q_COMPENSATOR = 24
-Q_COMPENSATOR_INPUTS = (fw.Q_ANGLE, fw.Q_RATE, fw.Q_ACCELERATION, fw.Q_ACCELERATION)
 TRIGGER_SIGMAS = {"output": 5.0, "state": 3.0, "dynamic": 3.0}
 """Floor of the trigger over the command's noise: raw measurements need more than filtered ones."""
 BIAS_MAX = 0.05
 """Largest plausible gyro bias, rad/s."""
-
-
-@dataclass(frozen=True, slots=True)
-class QuantiseOptions:
-    """Options of a calibration beyond the law.
-
-    Attributes:
-        event_trigger: send commands by the event trigger instead of every tick.
-        heartbeat: maximum time between commands, s.
-        identification: identify roll stiffness and damping at run time.
-        offset_learning: learn sensor offsets in straight running.
-        response_watch: judge reported moments by the body's roll, which needs SuspensionRate.
-        sample_period: time in which the inertial unit counts one sample, 0: it is not judged, s.
-        moment_reported: the actuators report the delivered moment; otherwise the commanded one
-            counts as delivered.
-        uncertainty: what is not known of car, sensors and road.
-    """
-
-    event_trigger: bool = True
-    heartbeat: float = 0.05
-    identification: bool = False
-    offset_learning: bool = False
-    response_watch: bool = False
-    sample_period: float = 0.0
-    moment_reported: bool = True
-    uncertainty: Uncertainty = DEFAULT
 
 
 @dataclass(frozen=True, slots=True)

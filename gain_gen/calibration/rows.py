@@ -22,6 +22,8 @@ Q_STATE = (Q_ANGLE, Q_RATE, Q_ACCELERATION, Q_ACCELERATION, Q_RATE)
 """Fractional bits of the observer's states."""
 Q_MEASURED = (Q_RATE, Q_ACCELERATION, Q_ANGLE)
 """Fractional bits of the measurements: roll rate, lateral acceleration, roll angle."""
+Q_COMPENSATOR = 24
+Q_COMPENSATOR_INPUTS = (Q_ANGLE, Q_RATE, Q_ACCELERATION, Q_ACCELERATION)
 
 MAX_SHIFT = 60
 MAX_SUM = 1 << 62

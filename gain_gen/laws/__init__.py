@@ -35,3 +35,8 @@ LAWS: "Registry[Callable[[Task], Solution]]" = Registry(
     },
     accept="gain_gen.laws.offered:accept",
 )
+
+
+def is_of_user(law: str, task: "Task") -> bool:
+    """Whether a design depends on code or a file of the user, which may change."""
+    return bool(task.matrices) or (law in LAWS and not LAWS.origin(law).is_built_in)

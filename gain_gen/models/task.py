@@ -14,6 +14,8 @@ from vehicles.actuators import ACTUATORS
 
 UNITS = {"db": "dB", "deg": "°", "s": "s", "nm": "N·m", "hz": "Hz"}
 """Unit of a check or number by the last word of its name."""
+UNVERIFIED = "NOT VERIFIED"
+"""Start of the warning that marks a design that is used although it is not verified."""
 EPSILON_SQUARED = 0.1
 """Relative threshold of the event trigger, squared (Viadero 2022)."""
 SOURCES = ("gain_gen", "firmware", "vehicles", "dbc", "codegen")

@@ -49,6 +49,11 @@ class BusProfile:
     measured: tuple[int, float] = (0, 10.0)
 
     @property
+    def recorded(self) -> bool:
+        """Whether its background is frames of a log."""
+        return False
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What the file of the bus leaves open."""
         return ()

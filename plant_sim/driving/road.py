@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.typing import Vector
-from plant_sim.driving import signal_file
 from plant_sim.driving.drive import ManeuverPlan
 from plant_sim.kernels.instants import STEP_NS
 
@@ -124,6 +123,9 @@ def on_road(plan: ManeuverPlan, file: str) -> ManeuverPlan:
         UnknownNameError: a column that is none of :data:`COLUMNS`.
         CanrollError: an unreadable file, a number out of range, or one side without the other.
     """
+    # the readers of logs, for a road from a file
+    from plant_sim.driving import signal_file  # noqa: PLC0415
+
     given = {signal.name: signal for signal in signal_file.read_over(file, "distance", COLUMNS)}
     for name, signal in given.items():
         low, high = COLUMNS[name]

@@ -9,7 +9,7 @@ import numpy as np
 from numba.types import Array, int64
 from numpy.typing import NDArray
 
-from codegen.frame.own_checksum import OwnChecksum
+from codegen.frame.checksum import OwnChecksum
 from plant_sim.kernels.jit import function_at, njit
 
 _SIGNATURE = int64(Array(int64, 1, "C"), int64)

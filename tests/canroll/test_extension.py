@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from canroll import extension
-from canroll.cli.main import REGISTRIES, main
+from canroll.cli.listing import REGISTRIES
+from canroll.cli.main import main
 from canroll.errors import CanrollError
 from canroll.registry import Registry
 from gain_gen.laws import LAWS

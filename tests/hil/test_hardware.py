@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canroll.cli.main import main
-from hil import bus_link, timing
+from hil import bus_link, timing, timing_rows
 from hil.hardware import bus_options, bus_record, error_frames, interfaces
 from hil.hardware.bus_record import ENTRY, ERROR, SENT, BusRecord, RecordOrigin
 from plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE, length_of
@@ -221,12 +221,12 @@ def test_what_was_seen_of_the_bus_is_said_in_a_line():
     figures = timing.bus_figures(found, about())
     assert (figures["frames"], figures["error_frames"]) == (4, 2)
     assert figures["errors"] == {"bus off": 1, "transmit timeout": 1}
-    [line] = timing.bus_lines({"bus": {"ecu": figures, "plant": None}})
+    [line] = timing_rows.bus_lines({"bus": {"ecu": figures, "plant": None}})
     assert "2 error frames (bus off 1, transmit timeout 1)" in line
     assert re.search(r"load \d+\.\d % of 500 kbit/s", line)
     assert interfaces.KERNEL in line
     unknown = timing.bus_figures(found, about(bitrate=None, comparable=False))
-    [line] = timing.bus_lines({"bus": {"ecu": unknown, "plant": None}})
+    [line] = timing_rows.bus_lines({"bus": {"ecu": unknown, "plant": None}})
     assert "load unknown without -b" in line
     assert "no wait at the interface" in line
 

@@ -30,7 +30,7 @@ from canroll.runs.result import Settings
 from canroll.studies import fault_catalogue
 from codegen.export import a2l
 from codegen.generated import bus_map, own_stage
-from codegen.run import native
+from codegen.run import native, stage_modules
 from dbc.keys import read_key
 from gain_gen.calibration import calibration_file
 from gain_gen.laws.custom import read_matrices
@@ -147,7 +147,7 @@ def _latency(path: Path) -> object:
 
 
 def _stage(path: Path) -> object:
-    return own_stage.modules(own_stage.read(path))
+    return stage_modules.modules(own_stage.read(path))
 
 
 def _catalogue(path: Path) -> object:

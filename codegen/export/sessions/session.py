@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from codegen.c99.emit import record_name
+from codegen.c99 import record_name
 from codegen.c99.text import filled
 from codegen.run import memory_image
 from codegen.run.bus_firmware import BusFirmware

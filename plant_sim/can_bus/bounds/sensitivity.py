@@ -4,8 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from scipy.special import pdtrc
-
 from plant_sim.can_bus.bounds.analysis import ErrorModel, ResponseBound, worst_case_utilisation
 from plant_sim.can_bus.traffic.messages import BusMessage
 
@@ -100,6 +98,9 @@ def error_tolerance(
             window[i] = max(window[i], messages[i].due_ns + max(before, 0))
         if not left:
             break
+    # a sixth of a second that only this needs
+    from scipy.special import pdtrc  # noqa: PLC0415
+
     return [
         ErrorTolerance(m, k, 1.0 if k < 0 else float(pdtrc(k, errors_per_s * w * 1e-9)))
         for m, k, w in zip(messages, survived, window, strict=True)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 from plant_sim.buses.profile import BusProfile
 from plant_sim.buses.topology import NODES, PUNCTUAL
@@ -23,12 +23,14 @@ from plant_sim.can_bus.network.own_frames import (
     messages_of,
     own_messages,
 )
-from plant_sim.can_bus.network.recorded_profile import RecordedProfile
 from plant_sim.can_bus.network.routing import RoutedMessage, RoutedNetwork, route
 from plant_sim.can_bus.traffic.background import background_messages
 from plant_sim.can_bus.traffic.files import load_traffic
-from plant_sim.can_bus.traffic.looped import LoopedTraffic
 from plant_sim.can_bus.traffic.messages import BusMessage
+
+if TYPE_CHECKING:
+    from plant_sim.can_bus.network.recorded_profile import RecordedProfile
+    from plant_sim.can_bus.traffic.looped import LoopedTraffic
 
 ECU, IMU, CHASSIS, SUSPENSION, ACTUATOR, REFERENCE = range(len(NODES))
 """Numbers of ``NODES`` on every network."""
@@ -54,7 +56,7 @@ def routed_messages(
     own = own_messages(command, profile)
     given = [_of_file(profile, segment, own) for segment in range(len(topology.segments))]
     routed = list(route(topology, own, given, frame_names(profile), known=messages_of(profile)))
-    filled = () if isinstance(profile, RecordedProfile) else enumerate(topology.segments)
+    filled = () if _is_recorded(profile) else enumerate(topology.segments)
     for number, segment in filled:
         if segment.traffic is None:
             filling = background_messages(
@@ -84,7 +86,7 @@ def background_of(
 
 def _of_file(profile: BusProfile, segment: int, own: Sequence[BusMessage]) -> list[BusMessage]:
     """The background of a segment that a file describes, without what is ours in it."""
-    if isinstance(profile, RecordedProfile):
+    if _is_recorded(profile):
         return list(profile.background(own))
     place = profile.network.segments[segment]
     if place.traffic is None:
@@ -96,6 +98,11 @@ def _of_file(profile: BusProfile, segment: int, own: Sequence[BusMessage]) -> li
         for message in load_traffic(place.traffic).messages
         if (message.arbitration_key, message.name) not in ours
     ]
+
+
+def _is_recorded(profile: BusProfile) -> "TypeGuard[RecordedProfile]":
+    """Whether a profile is that of a log; what reads logs is imported only for one."""
+    return profile.recorded
 
 
 def _background(segment: int) -> str:
@@ -132,7 +139,7 @@ def profile_spec(
         segments = (replace(s, bit_error_rate=bit_error_rate) for s in topology.segments)
         topology = replace(topology, segments=tuple(segments))
     routed = routed_messages(profile, command=command, seed=seed)
-    periodic = background and not isinstance(profile, RecordedProfile)
+    periodic = background and not _is_recorded(profile)
     nodes = [
         Node(name, topology.place(name), policy, jitter=topology.jitter.get(name, PUNCTUAL))
         for name in NODES
@@ -154,9 +161,9 @@ def make_network(profile: BusProfile, **options: Any) -> Network:  # noqa: ANN40
 
 def recorded_traffic(
     network: Network, profile: BusProfile, *, command: str, seed: int
-) -> LoopedTraffic | None:
+) -> "LoopedTraffic | None":
     """Return what sends the recorded frames of a profile on its network; None: it has none."""
-    if not isinstance(profile, RecordedProfile):
+    if not _is_recorded(profile):
         return None
     node = add_node(network, Node("Recording", policy="priority", capacity=MAX_CAPACITY))
-    return LoopedTraffic(network, node, profile.loop(own_messages(command, profile)), seed=seed)
+    return profile.sent_by(network, node, own_messages(command, profile), seed=seed)

@@ -5,11 +5,12 @@ from dataclasses import dataclass, field
 
 from canroll.errors import CanrollError
 from plant_sim.buses.profile import BusProfile
+from plant_sim.can_bus.kernel.layout import Network
 from plant_sim.can_bus.traffic.added_messages import missing_from
 from plant_sim.can_bus.traffic.inference import InferredBus, infer_channel
 from plant_sim.can_bus.traffic.log_name import log_name
 from plant_sim.can_bus.traffic.log_reader import read_log, select_channel
-from plant_sim.can_bus.traffic.looped import LoopedFrames, loop_of
+from plant_sim.can_bus.traffic.looped import LoopedFrames, LoopedTraffic, loop_of
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 
@@ -18,6 +19,11 @@ class RecordedProfile(BusProfile):
     """A recorded bus: bounds use its inferred messages, simulations its frames."""
 
     bus: InferredBus = field(compare=False)
+
+    @property
+    def recorded(self) -> bool:
+        """Whether its background is frames of a log."""
+        return True
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -46,6 +52,12 @@ class RecordedProfile(BusProfile):
     def loop(self, own: Sequence[BusMessage]) -> LoopedFrames:
         """Return the recorded frames other than those of ``own``, to be repeated."""
         return loop_of(self.bus, {m.arbitration_key for m in own})
+
+    def sent_by(
+        self, network: Network, node: int, own: Sequence[BusMessage], *, seed: int
+    ) -> LoopedTraffic:
+        """Return what sends that loop from a node of a network at time 0."""
+        return LoopedTraffic(network, node, self.loop(own), seed=seed)
 
 
 def read_profile(name: str) -> RecordedProfile:

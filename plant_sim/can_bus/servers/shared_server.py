@@ -11,10 +11,11 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any
 
 from canroll.errors import CanrollError
 from plant_sim.can_bus.kernel.layout import BUS_OFF, Network
+from plant_sim.can_bus.servers import SHARED_PORT
 from plant_sim.can_bus.servers.hub import Hub, HubError, HubPort, PortFrame
 from plant_sim.can_bus.servers.shared_protocol import (
     LEAVE,
@@ -25,8 +26,6 @@ from plant_sim.can_bus.servers.shared_protocol import (
     send_answer,
     send_line,
 )
-
-DEFAULT_PORT: Final = 29600
 
 
 @dataclass(slots=True, eq=False)
@@ -62,7 +61,7 @@ class SharedBus:
         *,
         programs: int,
         host: str = "127.0.0.1",
-        port: int = DEFAULT_PORT,
+        port: int = SHARED_PORT,
         real_time: bool = False,
         mirror: Callable[[PortFrame], Any] | None = None,
     ) -> None:

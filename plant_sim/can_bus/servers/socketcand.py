@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from canroll.errors import CanrollError, reason
+from plant_sim.can_bus.servers import SOCKETCAND_PORT
 from plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE
 
 CLASSIC_LENGTH: Final = 8
@@ -67,7 +68,6 @@ def format_frame(ident: int, flags: int, time_s: float, payload: bytes, length: 
     return f"< frame {name} {time_s:.6f} {payload.hex().upper()} >".encode()
 
 
-DEFAULT_PORT: Final = 29536
 MAX_CLIENTS: Final = 16
 _MAX_COMMAND: Final = 256
 _BACKLOG_BYTES: Final = 1 << 18
@@ -100,7 +100,7 @@ class SocketcandServer:
     """
 
     def __init__(
-        self, *, channel: str = "simbus", host: str = "127.0.0.1", port: int = DEFAULT_PORT
+        self, *, channel: str = "simbus", host: str = "127.0.0.1", port: int = SOCKETCAND_PORT
     ) -> None:
         self.channel = channel
         self.lost = self.refused = self.dropped = 0

@@ -11,7 +11,8 @@ from plant_sim.can_bus.kernel.ledger import drain
 from plant_sim.can_bus.kernel.network import Node, add_node
 from plant_sim.can_bus.kernel.queues import enqueue
 from plant_sim.can_bus.kernel.scheduler import advance, next_event_ns
-from plant_sim.can_bus.servers.socketcand import DEFAULT_PORT, MAX_CLIENTS, SocketcandServer
+from plant_sim.can_bus.servers import SOCKETCAND_PORT
+from plant_sim.can_bus.servers.socketcand import MAX_CLIENTS, SocketcandServer
 
 _PIECE_NS: Final = 100_000_000
 _IDLE_S: Final = 0.02
@@ -21,7 +22,7 @@ def serve_network(
     network: Network,
     *,
     host: str = "127.0.0.1",
-    port: int = DEFAULT_PORT,
+    port: int = SOCKETCAND_PORT,
     announce: Callable[[str], Any] = print,
     duration_s: float | None = None,
 ) -> SocketcandServer:

@@ -10,7 +10,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betaincinv
 
 from plant_sim.can_bus.traffic.periodicity import Grid, find_grid
 
@@ -108,6 +107,9 @@ def _periodic(
     places = grid.places * period
     low, high = earliest - shift - places, latest - shift - places
     # of n uniform draws the range is a Beta(n − 1, 2) share of the whole
+    # a sixth of a second that only a log needs
+    from scipy.special import betaincinv  # noqa: PLC0415
+
     share = float(betaincinv(known - 1, 2, 1.0 - _CONFIDENCE))
     floor = min(float(low[chosen].min()), float(high.min()))
     seen = max(float(high[chosen].max()), float(low.max())) - floor

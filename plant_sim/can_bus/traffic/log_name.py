@@ -4,9 +4,20 @@ import re
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from plant_sim.can_bus.traffic.log_reader import is_log
+from plant_sim.buses import LOGS, PACKED
 
 _RATES: Final = re.compile(r"@(?P<bitrate>\d+)(?:/(?P<data>\d+))?(?=#|$)")
+
+
+def is_log(path: Path) -> bool:
+    """Return whether a path has the suffix of a bus log."""
+    return suffix_of(path) in LOGS
+
+
+def suffix_of(path: Path) -> str:
+    """Return the suffix of a log in lower case, that below gzip's if it has one."""
+    suffix = path.suffix.lower()
+    return Path(path.stem).suffix.lower() if suffix == PACKED else suffix
 
 
 class LogName(NamedTuple):

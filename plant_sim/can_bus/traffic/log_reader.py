@@ -19,6 +19,7 @@ from plant_sim.can_bus.logs import asc, blf, candump, csv, databases, trc
 from plant_sim.can_bus.logs.lines import LineError, Numbered, lines_of
 from plant_sim.can_bus.logs.remarks import Remarks, possible
 from plant_sim.can_bus.logs.sections import find_sections
+from plant_sim.can_bus.traffic.log_name import is_log, suffix_of
 from plant_sim.can_bus.traffic.pcap import CaptureReader
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, REMOTE, frame_bits
 
@@ -30,16 +31,6 @@ LATEST: Final = 4e9
 
 Progress = Callable[[str, float], None]
 """Called with the activity and the fraction done."""
-
-
-def is_log(path: Path) -> bool:
-    """Return whether a path has the suffix of a bus log."""
-    return _suffix(path) in LOGS
-
-
-def _suffix(path: Path) -> str:
-    suffix = path.suffix.lower()
-    return Path(path.stem).suffix.lower() if suffix == PACKED else suffix
 
 
 class Logged(NamedTuple):
@@ -82,7 +73,7 @@ def read_log(
         raise CanrollError(f"{path}: no such file")
     if not is_log(path):
         raise CanrollError(f"{path}: a bus log ends in {', '.join(LOGS)}, or these and .gz")
-    remarks = Remarks("line" if _suffix(path) in _TEXTS else "frame")
+    remarks = Remarks("line" if suffix_of(path) in _TEXTS else "frame")
     report = progress or (lambda stage, share: None)
     try:
         report(f"read {path.name}", 0.0)
@@ -102,7 +93,7 @@ def read_log(
 
 
 def _entries(path: Path, remarks: Remarks) -> list[Numbered]:
-    suffix = _suffix(path)
+    suffix = suffix_of(path)
     packed = path.suffix.lower() == PACKED
     if suffix in _FILES and not packed:
         return _FILES[suffix](path, remarks)

@@ -79,7 +79,7 @@ def test_what_is_driven_judged_and_shown_of_a_run_does_not_grow_with_it(monkeypa
     def all_of(seconds):
         result = experiment.simulate(settings, controller, duration=seconds)
         assert result.replay is not None
-        picture.draw_picture(result, tmp_path / "run.png")
+        picture.plot(result).savefig(tmp_path / "run.png")
         return run_page.run_page(result)
 
     all_of(1.0)

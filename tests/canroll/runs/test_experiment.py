@@ -20,6 +20,7 @@ from canroll.runs import experiment, limit_cycle, saved_run
 from canroll.runs.logs import write_log
 from canroll.setup import controller as prepared
 from codegen.run.backends import PythonEcu
+import gain_gen.design as designing
 from gain_gen.calibration import calibration_file
 from plant_sim.can_bus import DELIVERED
 from plant_sim.nodes import sensors
@@ -198,7 +199,7 @@ def test_the_law_passive_has_no_controlled_run():
 
 
 def test_the_law_passive_designs_nothing(monkeypatch):
-    monkeypatch.setattr(prepared, "design", None)
+    monkeypatch.setattr(designing, "design", None)
     settings, controller = experiment.plan("roundabout", law="passive")
     assert settings.law == "passive"
     assert not any(controller.record.output_gain)
@@ -309,10 +310,10 @@ def test_python_and_native_give_the_same_frames():
 
 def test_an_equal_task_is_designed_once(monkeypatch, tmp_path):
     tasks = []
-    original = prepared.design
+    original = designing.design
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(
-        prepared, "design", lambda law, task: tasks.append(task) or original(law, task)
+        designing, "design", lambda law, task: tasks.append(task) or original(law, task)
     )
     same = [experiment.plan("double_lane_change", law="lqr", speed_kmh=v)[1] for v in (70, 80)]
     other = experiment.plan("double_lane_change", law="lqr", bus="125k_busy")[1]
@@ -343,7 +344,7 @@ def test_files_of_a_run(tmp_path, capsys):
     text = capsys.readouterr().out
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {
-        "report.html", "roll.png", "bus.asc", "canroll_gains.h", "calibration.toml", "trace.npz",
+        "report.html", "bus.asc", "canroll_gains.h", "calibration.toml", "trace.npz",
         "result.json",
     }  # fmt: skip
     assert all(name in text for name in names)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from canroll.cli import terminal
+from canroll.cli import run_view, terminal
 from canroll.report.run_page import verdict
 from canroll.runs import experiment
 from canroll.runs.limit_cycle import LimitCycle
@@ -124,7 +124,7 @@ def test_terminal_page_json_and_exit_code_agree(driven, hits, good, colour, monk
     monkeypatch.setattr(
         terminal.Console, "print", lambda self, *texts, **options: shown.extend(texts)
     )
-    terminal.show(result)
+    run_view.show(result)
     styles = {str(text): text.style for text in shown if isinstance(text, terminal.Text)}
     data = result.to_json()
     assert styles[data["verdict"]] == colour

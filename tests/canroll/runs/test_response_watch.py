@@ -11,7 +11,7 @@ from canroll.studies.variation import DEFAULT_SPREAD, draw, varied
 from firmware.plausibility import FAULT_ACTUATOR_CONTRADICTED
 from firmware.state import SAFE
 from gain_gen.calibration.freeze import calibrate
-from gain_gen.calibration.quantise import QuantiseOptions
+from gain_gen.calibration.options import QuantiseOptions
 from gain_gen.design import design
 from gain_gen.models.task import Delay, Task
 from vehicles import load

@@ -15,7 +15,7 @@ from canroll.runs.conditions import fault_texts
 from canroll.setup import choices
 from canroll.setup.choices import CHOICES, check
 from canroll.setup.words import arguments, described
-from gain_gen.calibration.quantise import ACTUATOR_NUMBER
+from gain_gen.calibration.options import ACTUATOR_NUMBER
 
 ASKED = {
     "vehicle": "van_2021",

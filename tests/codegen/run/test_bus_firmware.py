@@ -15,7 +15,15 @@ from codegen.export import bundle
 from codegen.export.header import gains_header
 from codegen.generated import bus_map, mailbox, signals
 from codegen.proof.prove import prove
-from codegen.run import backends, bus_firmware, cortex, ecu_traffic, memory_image, native
+from codegen.run import (
+    backends,
+    bus_firmware,
+    cortex,
+    ecu_traffic,
+    memory_image,
+    native,
+    translation,
+)
 from codegen.run import qemu as qemu_run
 from codegen.run import unicorn as unicorn_run
 from codegen.subset.parse import load
@@ -70,7 +78,7 @@ def test_mailboxes_have_the_room_that_the_bus_needs():
 
 
 def test_it_is_proved(tmp_path):
-    with FIRMWARE._folder() as folder:
+    with translation.folder_of(FIRMWARE.modules) as folder:
         assert prove(load(folder=folder)).findings == ()
 
 

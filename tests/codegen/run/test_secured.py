@@ -6,7 +6,7 @@ from cryptography.hazmat.primitives.ciphers import algorithms
 from cryptography.hazmat.primitives.cmac import CMAC
 
 import dbc
-from codegen.run import cortex, ecu_traffic, secured
+from codegen.run import cortex, ecu_traffic, unicorn
 from codegen.run.backends import open_backend
 from codegen.run.bus_firmware import built_in, of_bus
 from codegen.run.native import compiler
@@ -100,7 +100,7 @@ def test_a_replay_counts_what_authentication_costs():
     rows = [(t, RX_IMU, 16, np.frombuffer(imu(t), np.uint8)) for t in range(30)]
     kind = ecu_traffic.random_traffic(1, 1, bus=FIRMWARE.bus).frames.dtype
     traffic = ecu_traffic.EcuTraffic(np.array(rows, kind), np.ones(30, np.int32))
-    ran = secured.replay(CALIBRATION, traffic, "cortex-m4", FIRMWARE, key=KEY)
+    ran = unicorn.replay_secured(CALIBRATION, traffic, "cortex-m4", FIRMWARE, key=KEY)
     sent = np.bincount(ran.frames["tick"], minlength=30)
     assert ran.authentication.min() > 900
     assert (ran.authentication <= 1200 * (sent + 1) + 60).all()

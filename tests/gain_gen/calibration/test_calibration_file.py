@@ -24,9 +24,9 @@ from firmware.calibration import COEFFICIENT, STATE_MAX, Calibration
 from firmware.check import check
 from firmware.subset import fields
 from gain_gen.calibration import calibration_file
-from gain_gen.calibration.dequantise import dequantise
-from gain_gen.calibration.freeze import calibrate, physical_notes, summary, title
-from gain_gen.calibration.quantise import QuantiseOptions
+from gain_gen.calibration.dequantise import dequantise, physical_notes
+from gain_gen.calibration.freeze import calibrate, summary, title
+from gain_gen.calibration.options import QuantiseOptions
 from gain_gen.calibration.record import fill, flatten, identify, packed
 from gain_gen.calibration.rounding_error import integer_loop, manoeuvre_error, measured
 from gain_gen.calibration.rows import quantise, quantise_row

@@ -10,7 +10,7 @@ from gain_gen.analysis.family import family_of
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from gain_gen.calibration.freeze import calibrate
-from gain_gen.calibration.quantise import QuantiseOptions
+from gain_gen.calibration.options import QuantiseOptions
 from gain_gen.design import design
 from gain_gen.margin_report import task_of
 from gain_gen.models.task import Delay, Task

@@ -6,7 +6,7 @@ import pytest
 
 import vehicles
 from gain_gen.calibration.freeze import calibrate
-from gain_gen.calibration.quantise import QuantiseOptions
+from gain_gen.calibration.options import QuantiseOptions
 from gain_gen.calibration.vehicle_part import share_of
 from gain_gen.design import design
 from gain_gen.models.front_share import BAND, LEAST_BAND, MOST, front_share, understeer

@@ -1,0 +1,83 @@
+"""A command imports what it needs: counts of modules, which are the same on every machine."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from canroll.cli.main import main
+
+OURS = ("canroll", "codegen", "dbc", "firmware", "gain_gen", "hil", "plant_sim", "vehicles")
+LOADED = """
+import json, sys
+from canroll.cli.main import main
+try:
+    code = main(sys.argv[1:])
+except SystemExit as ended:
+    code = ended.code
+print(json.dumps([code, sorted(sys.modules)]))
+"""
+
+
+def loaded(*words):
+    """Return the modules that a command has imported at its end."""
+    done = subprocess.run(
+        [sys.executable, "-c", LOADED, *words],
+        capture_output=True,
+        text=True,
+        timeout=1800,
+        check=True,
+    )
+    code, modules = json.loads(done.stdout.splitlines()[-1])
+    assert code == 0, done.stderr
+    return set(modules)
+
+
+def ours(modules):
+    return [name for name in modules if name.split(".")[0] in OURS]
+
+
+NUMBERS = {"numba", "scipy", "cvxpy", "clarabel", "matplotlib"}
+
+
+@pytest.mark.parametrize(
+    ("words", "never", "most"),
+    [
+        (["--help"], {*NUMBERS, "numpy", "can", "rich", "canroll.setup"}, 10),
+        (["list", "laws"], {*NUMBERS, "numpy", "can", "rich"}, 60),
+        (["prove", "--help"], {*NUMBERS, "numpy", "can", "rich"}, 60),
+        (
+            ["bus", "500k", "--simulate", "0"],
+            {
+                *("cvxpy", "clarabel", "matplotlib", "jinja2", "elftools", "asammdf"),
+                *("scipy.signal", "scipy.stats", "scipy.optimize", "scipy.special"),
+                *("canroll.runs.metrics", "plant_sim.nodes", "plant_sim.world", "gain_gen.design"),
+                *("plant_sim.can_bus.servers.shared_server", "codegen.c99", "codegen.subset"),
+            },
+            170,
+        ),
+    ],
+    ids=lambda words: " ".join(words) if isinstance(words, list) else "",
+)
+def test_a_light_command_imports_little(words, never, most):
+    modules = loaded(*words)
+    assert not never & modules
+    assert len(ours(modules)) <= most
+
+
+def test_a_run_imports_neither_solvers_nor_translators(tmp_path, capsys):
+    design = tmp_path / "design"
+    assert main(["design", "--law", "lqr", "--out", str(design)]) == 0
+    words = ("run", "double_lane_change", "--duration", "0.5", "--out", str(tmp_path / "run"))
+    words += ("--calibration", str(design / "calibration.toml"))
+    loaded(*words)  # translates and compiles what is kept from then on
+    modules = loaded(*words)
+    assert not modules & {
+        *("cvxpy", "clarabel", "matplotlib", "scipy.signal", "scipy.stats", "elftools", "asammdf"),
+        *("gain_gen.design", "gain_gen.analysis", "gain_gen.calibration.freeze", "firmware.ecu"),
+        *("codegen.c99.emit", "codegen.proof", "codegen.subset", "codegen.run.unicorn"),
+        *("plant_sim.can_bus.logs", "plant_sim.can_bus.traffic.inference", "hil.timing"),
+        *("canroll.exchange", "canroll.studies"),
+    }
+    assert len(ours(modules)) <= 245
