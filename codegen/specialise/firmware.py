@@ -143,7 +143,7 @@ def _table(name: str, its: Type, value: Const) -> str:
     return f"{name}: {inner} = {value!r}"
 
 
-def _elements(record: Any) -> Iterator[tuple[Element, int]]:
+def _elements(record: object) -> Iterator[tuple[Element, int]]:
     for field in fields(type(record)):
         for indices in product(*map(range, field.shape)):
             value = getattr(record, field.name)
