@@ -37,28 +37,32 @@ def report(
     """Prove ``firmware`` for ``record`` and print what was shown, or each line that fails."""
     if firmware.stage is not None:
         name = f"{name}, stage {firmware.stage.file}"
-    exact = None
     if record is not None:
         refused = check(record)
         if refused:
             raise CanrollError(f"{name}: rejected by rule {refused} of the ECU's check")
-        exact = memory_image.elements(record)
     begin = perf_counter()
-    proof = prove.prove(firmware.program(), calibration=exact)
+    findings, expressions = verdict(record, firmware)
     took = perf_counter() - begin
     if as_json:
-        findings = [str(finding) for finding in proof.findings]
-        answer = {"proved": not findings, "for": name, "expressions": len(proof.seen)}
+        answer = {"proved": not findings, "for": name, "expressions": expressions}
         print(json.dumps(answer | {"findings": findings, "seconds": took}))
         return 1 if findings else 0
-    for finding in proof.findings:
+    for finding in findings:
         print(finding, file=sys.stderr)
-    if proof.findings:
-        print(f"not proved: {len(proof.findings)} places in {took:.1f} s")
+    if findings:
+        print(f"not proved: {len(findings)} places in {took:.1f} s")
         return 1
     print(
         f"proved for {name}: from any state in the declared ranges and any frames, no overflow of "
         f"64 bits, no value out of its field, no bad index, no zero divisor "
-        f"({len(proof.seen)} expressions, {took:.1f} s)"
+        f"({expressions} expressions, {took:.1f} s)"
     )
     return 0
+
+
+def verdict(record: Calibration | None, firmware: BusFirmware) -> tuple[list[str], int]:
+    """Return what is not met, in words, and the number of expressions: plain data, to be kept."""
+    exact = None if record is None else memory_image.elements(record)
+    proof = prove.prove(firmware.program(), calibration=exact)
+    return [str(finding) for finding in proof.findings], len(proof.seen)
