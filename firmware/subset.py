@@ -59,12 +59,16 @@ class Field:
     f: F
 
 
-@cache
 def fields(record_class: type) -> tuple[Field, ...]:
     """Return the field table of a record class, in the order of its memory layout.
 
     A ``u8`` is distinguished from an ``i32`` by its range, as both are ``int`` to CPython.
     """
+    return _fields(record_class)
+
+
+@cache
+def _fields(record_class: Any) -> tuple[Field, ...]:  # noqa: ANN401
     table = []
     for name, hint in get_type_hints(record_class, include_extras=True).items():
         if get_origin(hint) is not Annotated:

@@ -18,8 +18,7 @@ from canroll.typing import Vector
 from gain_gen.analysis.certificates import certified_level, event_block, event_small_gain, si_plant
 from gain_gen.analysis.delay_system import h_infinity, largest_delay
 from gain_gen.laws.hinf_event import PRINTED_EVENT_GAIN
-from gain_gen.laws.lmi import Clock
-from gain_gen.laws.lmi_event import fixed_lyapunov_certificate
+from gain_gen.laws.lmi import Clock, fixed_lyapunov_certificate
 from gain_gen.models.roll import PERFORMANCE, ROLL_RATE, disturbance_input, moment_input
 from gain_gen.models.task import EPSILON_SQUARED
 from plant_sim.can_bus import load_profile

@@ -10,7 +10,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import product
-from typing import Any
 
 from canroll.errors import CanrollError
 from codegen.operations.intervals import KINDS
@@ -144,8 +143,8 @@ def _table(name: str, its: Type, value: Const) -> str:
     return f"{name}: {inner} = {value!r}"
 
 
-def _elements(record: Any) -> Iterator[tuple[Element, int]]:  # noqa: ANN401
-    for field in fields(record.__class__):
+def _elements(record: object) -> Iterator[tuple[Element, int]]:
+    for field in fields(type(record)):
         for indices in product(*map(range, field.shape)):
             value = getattr(record, field.name)
             for index in indices:

@@ -43,7 +43,7 @@ def si_plant(model: RollModel, output: Matrix) -> CertifiedPlant:
 def delay_blocks(
     plant: CertifiedPlant,
     *,
-    gain: float,
+    w: Matrix,
     x: Matrix,
     y: float,
     q: Matrix,
@@ -51,8 +51,7 @@ def delay_blocks(
     delay: float,
     epsilon: float,
 ) -> tuple[Matrix, Matrix]:
-    """Return both blocks of the corrected delay theorem with W = K C1 X substituted exactly."""
-    w = gain * plant.c1 @ x
+    """Return both blocks of the corrected delay theorem with W = K C1 X."""
     closed = plant.a @ x + plant.b @ w
     zero = np.zeros
     first = np.block(
@@ -69,15 +68,39 @@ def delay_blocks(
 
 
 def bounded_real_block(
-    plant: CertifiedPlant, *, gain: float, x: Matrix, gamma_squared: float
+    plant: CertifiedPlant, *, w: Matrix, x: Matrix, gamma_squared: float
 ) -> Matrix:
     """Return the delay-free inequality of Redondo 2021, (52), at a point."""
-    closed = (plant.a + gain * plant.b @ plant.c1) @ x
+    closed = plant.a @ x + plant.b @ w
     return np.block(
         [
             [closed + closed.T, plant.bw, x @ plant.c.T],
             [plant.bw.T, -gamma_squared * np.eye(3), np.zeros((3, 1))],
             [plant.c @ x, np.zeros((1, 3)), -np.eye(1)],
+        ]
+    )
+
+
+def discrete_block(
+    phi: Matrix,
+    gamma: Matrix,
+    pi: Matrix,
+    *,
+    c: Matrix,
+    d: Matrix,
+    p: Matrix,
+    y: Matrix,
+    chi: float,
+) -> Matrix:
+    """Return the inequality of Yim 2020, (12), at a point."""
+    forward, out, zero = phi @ p + gamma @ y, c @ p + d @ y, np.zeros
+    n, inputs, outputs = len(p), pi.shape[1], len(c)
+    return np.block(
+        [
+            [-p, forward, pi, zero((n, outputs))],
+            [forward.T, -p, zero((n, inputs)), out.T],
+            [pi.T, zero((inputs, n)), -chi * np.eye(inputs), zero((inputs, outputs))],
+            [zero((outputs, n)), out, zero((outputs, inputs)), -chi * np.eye(outputs)],
         ]
     )
 

@@ -15,8 +15,8 @@ from flint import fmpq
 from firmware.calibration import OUTPUT_FEEDBACK, Q_MOMENT, Q_RATE, Calibration
 from gain_gen.certificate import checker
 from gain_gen.certificate.claim import BITS, rational, symmetric, texts
-from gain_gen.laws.lmi import Clock
-from gain_gen.laws.lmi_event import EventPoint, EventProgram
+from gain_gen.laws.lmi import Clock, EventPoint, event_point
+from gain_gen.laws.roll_rate_feedback import normalised_plant
 from gain_gen.models.roll import (
     PERFORMANCE,
     NormalisedPlant,
@@ -58,20 +58,18 @@ def theorems(integers: Mapping[str, Any], model: RollModel, delay: Fraction) -> 
         "performance": texts(PERFORMANCE[0]),
         "claims": [],
     }
-    program = EventProgram(plant)
     wanted = [(WITHOUT_DELAY, Fraction(0), False), (LEVEL, delay, False)]
     if integers["trigger_epsilon_squared"]:
         wanted.append((TRIGGER_LEVEL, delay, True))
     for name, seconds, trigger in wanted:
         of = {"trigger": trigger, "performance": True, "delay": [str(seconds), str(seconds)]}
-        claim = _claim(program, plant, integers, content, {"name": name, **of})
+        claim = _claim(plant, integers, content, {"name": name, **of})
         if claim is not None:
             content["claims"].append(claim)
     return content
 
 
 def _claim(
-    program: EventProgram,
     plant: NormalisedPlant,
     integers: Mapping[str, Any],
     model: Mapping[str, Any],
@@ -83,7 +81,7 @@ def _claim(
     gain = integers["output_gain"][0] * unit * plant.frequency / plant.stiffness
     share = integers["trigger_epsilon_squared"] / 2.0**20 if wish["trigger"] else 0.0
     delay = plant.delay(seconds) or SHORT
-    point = program.solve(gain, delay, share, Clock())
+    point = event_point(normalised_plant(plant), gain, delay, share, Clock())
     if point is None:
         return None
     tick = fmpq(integers["tick_us"], 1000000)

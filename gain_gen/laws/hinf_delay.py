@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 from canroll.errors import VerdictError
 from gain_gen.analysis.certificates import delay_blocks, largest_eigenvalue
 from gain_gen.laws.declared import law
-from gain_gen.laws.lmi import Clock, DelayProgram
+from gain_gen.laws.lmi import Clock, delay_point
 from gain_gen.laws.rate_gain_law import design_rate_gain
 from gain_gen.laws.roll_rate_feedback import (
     LEVEL_MARGIN,
@@ -62,13 +62,12 @@ def design_by_theorem(task: Task) -> Solution:
     """
     model, delay = task.vehicle.design, task.delay.most
     plant, clock = normalise(model), Clock()
-    program = DelayProgram(plant)
+    certified_plant = normalised_plant(plant)
     open_loop = open_loop_gamma(model)
 
     def level(point: np.ndarray, seconds: float) -> float:
-        solution = program.solve(
-            exp(float(point[0])), exp(float(point[1])), plant.delay(seconds), clock
-        )
+        rho, epsilon = (exp(float(value)) for value in point)
+        solution = delay_point(certified_plant, rho, epsilon, plant.delay(seconds), clock)
         return solution.gamma_squared if solution is not None else 10.0 * open_loop**2
 
     def scan(seconds: float) -> tuple[np.ndarray, float]:
@@ -96,12 +95,12 @@ def design_by_theorem(task: Task) -> Solution:
     if sqrt(bound_squared) > target:
         raise VerdictError(_infeasible(task, target, sqrt(bound_squared), open_loop, scan))
     rho, epsilon = exp(float(best[0])), exp(float(best[1]))
-    certified = program.solve(rho, epsilon, plant.delay(seconds), clock)
+    certified = delay_point(certified_plant, rho, epsilon, plant.delay(seconds), clock)
     assert certified is not None
     level_squared = certified.gamma_squared * (1.0 + LEVEL_MARGIN)
     first, second = delay_blocks(
-        normalised_plant(plant),
-        gain=certified.gain,
+        certified_plant,
+        w=certified.gain * certified_plant.c1 @ certified.x,
         x=certified.x,
         y=certified.y,
         q=certified.q,

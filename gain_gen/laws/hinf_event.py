@@ -13,8 +13,7 @@ from gain_gen.analysis.certificates import (
     si_plant,
 )
 from gain_gen.laws.declared import law
-from gain_gen.laws.lmi import Clock
-from gain_gen.laws.lmi_event import EventProgram
+from gain_gen.laws.lmi import Clock, EventPoint, event_point
 from gain_gen.laws.rate_gain_law import design_rate_gain
 from gain_gen.laws.roll_rate_feedback import (
     LEVEL_MARGIN,
@@ -60,10 +59,13 @@ def design_hinf_event(task: Task) -> Solution:
             delay_aware=True,
         )
     plant, clock = normalise(model), Clock()
-    program = EventProgram(plant)
+    certified_plant = normalised_plant(plant)
+
+    def best_at(gain: float) -> EventPoint | None:
+        return event_point(certified_plant, gain, plant.delay(delay), EPSILON_SQUARED, clock)
 
     def level(log_gain: float) -> float:
-        solution = program.solve(-exp(log_gain), plant.delay(delay), EPSILON_SQUARED, clock)
+        solution = best_at(-exp(log_gain))
         return solution.gamma_squared if solution is not None else 1e6
 
     coarse = np.linspace(log(0.01), log(8.0), 15)
@@ -76,7 +78,7 @@ def design_hinf_event(task: Task) -> Solution:
         options={"xatol": 2e-3},
     )
     normalised_gain = -exp(float(scanned.x))
-    best = program.solve(normalised_gain, plant.delay(delay), EPSILON_SQUARED, clock)
+    best = best_at(normalised_gain)
     open_loop = open_loop_gamma(model)
     if best is None or sqrt(best.gamma_squared) > USELESS * open_loop:
         raise VerdictError(
@@ -85,7 +87,7 @@ def design_hinf_event(task: Task) -> Solution:
         )
     level_squared = best.gamma_squared * (1.0 + LEVEL_MARGIN)
     block = event_block(
-        normalised_plant(plant),
+        certified_plant,
         gain=normalised_gain,
         p=best.p,
         r=best.r,

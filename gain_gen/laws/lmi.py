@@ -1,31 +1,39 @@
-"""Linear matrix inequalities as parametrised programs, built once and solved at many points.
+"""Least cost under matrix inequalities, which are the functions of the certificates themselves.
 
-Everything here is in the units of :class:`gain_gen.models.roll.NormalisedPlant`, or of the loop for
-:func:`certify_level`: in N·m the solvers report wrong optima. Each program is disciplined in its
-parameters, so a scan does not compile it again. These modules alone import cvxpy, which takes half
-a second.
+A program is a function from its unknowns to matrices that must be negative definite, affine in all
+of them; the solver gets its coefficients by unit values. Everything is in the units of
+:class:`gain_gen.models.roll.NormalisedPlant`, or of the loop: in N·m the solvers report wrong
+optima. This module alone imports cvxpy, which takes half a second.
 """
 
 import time
 import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
 
 import cvxpy as cp
 import numpy as np
 
-from gain_gen.analysis.level_certificate import SwitchedLoop
-from gain_gen.models.roll import Matrix, NormalisedPlant
+from gain_gen.analysis.certificates import (
+    CertifiedPlant,
+    bounded_real_block,
+    delay_blocks,
+    discrete_block,
+    event_block,
+)
+from gain_gen.analysis.level_certificate import SwitchedLoop, dissipation
+from gain_gen.models.roll import Matrix
 
 SOLVER = "CLARABEL"
 STRICT = 1e-6
 """Margin by which every inequality must be inside the cone."""
 LEVEL_STRICT = 1e-5
 """The same for the level certificate."""
-
-E11 = np.array([[1.0, 0.0], [0.0, 0.0]])
-E12 = np.array([[0.0, 1.0], [1.0, 0.0]])
-E22 = np.array([[0.0, 0.0], [0.0, 1.0]])
+SCALAR, NONNEG = "scalar", "nonneg"
+Unknown = str | int | tuple[int, int]
+"""A number, one that is not negative, the size of a symmetric matrix, or the shape of another."""
 
 
 @dataclass(slots=True)
@@ -36,167 +44,216 @@ class Clock:
     solves: int = 0
 
 
-def solved(problem: cp.Problem, clock: Clock) -> bool:
-    """Solve; return whether an optimum was found. Inaccurate ones are verified by the caller."""
+def _units(unknown: Unknown) -> Iterator[Any]:
+    """Yield the unit values of an unknown."""
+    if isinstance(unknown, str):
+        yield 1.0
+        return
+    symmetric = isinstance(unknown, int)
+    rows, columns = (unknown, unknown) if isinstance(unknown, int) else unknown
+    for i in range(rows):
+        for j in range(i if symmetric else 0, columns):
+            unit = np.zeros((rows, columns))
+            unit[i, j] = 1.0
+            yield np.maximum(unit, unit.T) if symmetric else unit
+
+
+@lru_cache(maxsize=16)
+def _program(sizes: tuple[int, ...], kinds: tuple[bool, ...], strict: float) -> tuple[Any, ...]:
+    """Problem, unknowns and parameters: compiled once for all of these sizes."""
+    v = cp.Variable(len(kinds))
+    rows = [(cp.Parameter((n * n, len(kinds))), cp.Parameter(n * n)) for n in sizes]
+    constraints = [v[i] >= 0 for i, nonneg in enumerate(kinds) if nonneg]
+    constraints += [
+        cp.reshape(by @ v + constant, (n, n), order="F") << -strict * np.eye(n)
+        for n, (by, constant) in zip(sizes, rows, strict=True)
+    ]
+    return cp.Problem(cp.Minimize(v[0]), constraints), v, rows
+
+
+def minimise(
+    forms: Callable[..., Sequence[Matrix]],
+    unknowns: Mapping[str, Unknown],
+    clock: Clock,
+    strict: float = STRICT,
+) -> dict[str, Any] | None:
+    """Return the unknowns with the least first one for which all forms are negative, or None.
+
+    Inaccurate optima are returned too: the caller verifies.
+    """
+    units = [(name, unit) for name, kind in unknowns.items() for unit in _units(kind)]
+    nothing = {name: 0.0 * next(_units(kind)) for name, kind in unknowns.items()}
+
+    def flat(**changed: Any) -> list[Matrix]:  # noqa: ANN401
+        return [0.5 * (form + form.T).ravel() for form in forms(**(nothing | changed))]
+
+    base = flat()
+    probed = [flat(**{name: unit}) for name, unit in units]
+    sizes = tuple(round(len(form) ** 0.5) for form in base)
+    problem, v, rows = _program(sizes, tuple(unknowns[n] == NONNEG for n, _ in units), strict)
+    for k, (by, constant) in enumerate(rows):
+        by.value = np.array([each[k] - base[k] for each in probed]).T
+        constant.value = base[k]
     started = time.perf_counter()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             problem.solve(solver=SOLVER)
     except cp.error.SolverError:
-        return False
+        return None
     finally:
         clock.seconds += time.perf_counter() - started
         clock.solves += 1
-    return problem.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE)
+    if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
+        return None
+    found = dict(nothing)
+    for (name, unit), value in zip(units, np.asarray(v.value), strict=True):
+        found[name] = found[name] + float(value) * unit
+    return found
 
 
-def negative(blocks: list[list[Any]]) -> Any:  # noqa: ANN401
-    """Return the constraint that a symmetric block matrix is negative definite."""
-    matrix = cp.bmat(blocks)
-    size = matrix.shape[0]
-    return 0.5 * (matrix + matrix.T) << -STRICT * np.eye(size)
+class StaticPoint(NamedTuple):
+    """Static output feedback: certified level, K on the normalised roll rate, X (2, 2).
 
-
-def scalar(value: Any) -> Any:  # noqa: ANN401
-    """Return a scalar expression as a (1, 1) block."""
-    return cp.reshape(value, (1, 1), order="F")
-
-
-@dataclass(frozen=True, slots=True)
-class StaticPoint:
-    """Solution of a static output feedback program, normalised.
-
-    Attributes:
-        gamma_squared: certified level.
-        gain: K on the normalised roll rate.
-        x: (2, 2).
-        y: scalar of the delay theorem, zero without one.
-        q: (2, 2), likewise.
+    ``y`` and ``q`` (2, 2) are those of the delay theorem.
     """
 
     gamma_squared: float
     gain: float
     x: Matrix
-    y: float
-    q: Matrix
+    y: float = 0.0
+    q: Matrix = np.zeros((2, 2))
 
 
-class StaticVariables:
-    """X with X12 = −ρ X22 and W = n [−ρ, 1], so that W = K C1 X with K = n / X22 exactly."""
+class EventPoint(NamedTuple):
+    """Lyapunov–Krasovskii certificate of an event-triggered loop: level, P (2, 2) and weights.
 
-    def __init__(self) -> None:
-        self.x11 = cp.Variable()
-        self.x22 = cp.Variable(nonneg=True)
-        self.n = cp.Variable()
-        self.level = cp.Variable(nonneg=True)
-        self.rho = cp.Parameter(nonneg=True)
-        self.x = self.x11 * E11 - (self.rho * self.x22) * E12 + self.x22 * E22
-        self.w = (self.rho * self.n) * np.array([[-1.0, 0.0]]) + self.n * np.array([[0.0, 1.0]])
-
-    def point(self, y: float, q: Matrix) -> StaticPoint:
-        """Return the solution; X is rebuilt from its entries so that its structure is exact."""
-        rho, x11, x22 = float(self.rho.value), float(self.x11.value), float(self.x22.value)
-        x = x11 * E11 - rho * x22 * E12 + x22 * E22
-        return StaticPoint(float(self.level.value), float(self.n.value) / x22, x, y, q)
-
-
-class DelayProgram:
-    """The delay theorem of Redondo 2021, (44)–(45), corrected.
-
-    Block (4,5) is −Y B'; L and S decouple and are dropped; the second inequality is made
-    symmetric with a scanned ε: −2 ε X + ε² Q bounds −X Q⁻¹ X from above for every ε.
+    ``r`` of the delay term, ``omega`` of the trigger, ``s`` of the delayed output, zero for a
+    sampled or varying delay.
     """
 
-    def __init__(self, plant: NormalisedPlant) -> None:
-        self.plant = plant
-        v = self.variables = StaticVariables()
-        self.y = cp.Variable(nonneg=True)
-        self.q = cp.Variable((2, 2), symmetric=True)
-        self.epsilon = cp.Parameter(nonneg=True)
-        self.epsilon_squared = cp.Parameter(nonneg=True)
-        self.epsilon_rho = cp.Parameter(nonneg=True)
-        self.rate = cp.Parameter(nonneg=True)
-        a, b, bw, c = plant.a, plant.b, plant.b_disturbance, plant.performance
-        closed = a @ v.x + b @ v.w
-        zero = np.zeros
-        first = [
-            [closed + closed.T, bw, -b * self.y, closed.T, v.x @ c.T],
-            [bw.T, -v.level * np.eye(3), zero((3, 1)), bw.T, zero((3, 1))],
-            [-b.T * self.y, zero((1, 3)), -scalar(self.rate * self.y), -b.T * self.y, zero((1, 1))],
-            [closed, bw, -b * self.y, -self.rate * self.q, zero((2, 1))],
-            [c @ v.x, zero((1, 3)), zero((1, 1)), zero((1, 2)), -np.eye(1)],
-        ]
-        scaled_x = (
-            (self.epsilon * v.x11) * E11
-            - (self.epsilon_rho * v.x22) * E12
-            + (self.epsilon * v.x22) * E22
-        )
-        second = [[-2 * scaled_x + self.epsilon_squared * self.q, v.w.T], [v.w, -scalar(self.y)]]
-        self.problem = cp.Problem(
-            cp.Minimize(v.level),
-            [
-                negative(first),
-                negative(second),
-                v.x >> STRICT * np.eye(2),
-                self.q >> STRICT * np.eye(2),
-            ],
-        )
-
-    def solve(self, rho: float, epsilon: float, delay: float, clock: Clock) -> StaticPoint | None:
-        """Return the optimum at ρ, ε and a normalised delay, or None."""
-        self.variables.rho.value = rho
-        self.epsilon.value = epsilon
-        self.epsilon_squared.value = epsilon**2
-        self.epsilon_rho.value = epsilon * rho
-        self.rate.value = 1.0 / delay
-        if not solved(self.problem, clock):
-            return None
-        return self.variables.point(float(self.y.value), np.asarray(self.q.value))
+    gamma_squared: float
+    p: Matrix
+    r: float
+    omega: float
+    s: float = 0.0
 
 
-class BoundedProgram:
-    """The delay-free inequality of Redondo 2021, (52), with a bound on the closed loop's speed.
-
-    Without it, inf γ is approached only as the gain goes to infinity. Poles stay right of −α:
-    He(A X + B W) + 2 α X > 0.
-    """
-
-    def __init__(self, plant: NormalisedPlant, fastest: float) -> None:
-        v = self.variables = StaticVariables()
-        a, b, bw, c = plant.a, plant.b, plant.b_disturbance, plant.performance
-        closed = a @ v.x + b @ v.w
-        zero = np.zeros
-        blocks = [
-            [closed + closed.T, bw, v.x @ c.T],
-            [bw.T, -v.level * np.eye(3), zero((3, 1))],
-            [c @ v.x, zero((1, 3)), -np.eye(1)],
-        ]
-        speed = closed + closed.T + 2.0 * fastest * v.x
-        self.problem = cp.Problem(
-            cp.Minimize(v.level),
-            [
-                negative(blocks),
-                0.5 * (speed + speed.T) >> STRICT * np.eye(2),
-                v.x >> STRICT * np.eye(2),
-            ],
-        )
-
-    def solve(self, rho: float, clock: Clock) -> StaticPoint | None:
-        """Return the optimum at ρ, or None."""
-        self.variables.rho.value = rho
-        if not solved(self.problem, clock):
-            return None
-        return self.variables.point(0.0, np.zeros((2, 2)))
-
-
-@dataclass(frozen=True, slots=True)
-class DiscretePoint:
-    """Discrete H∞ state feedback, scaled: level χ, P (n, n), Y (1, n)."""
+class DiscretePoint(NamedTuple):
+    """Discrete H∞ state feedback, scaled: level χ, P (n, n), Y (m, n)."""
 
     chi: float
     p: Matrix
     y: Matrix
+
+
+class LevelPoint(NamedTuple):
+    """Level of a switched loop: γ² in its unit, P (n, n) and the error's weight λ."""
+
+    level_squared: float
+    p: Matrix
+    weight: float
+
+
+STATIC: Mapping[str, Unknown] = {
+    "gamma_squared": NONNEG,
+    "x11": SCALAR,
+    "x22": NONNEG,
+    "n": SCALAR,
+}
+"""X with X12 = −ρ X22 and W = n [−ρ, 1], so that W = K C1 X with K = n / X22 exactly."""
+
+
+def _structured(rho: float, x11: float, x22: float, n: float) -> tuple[Matrix, Matrix]:
+    """Return X and W."""
+    return np.array([[x11, -rho * x22], [-rho * x22, x22]]), n * np.array([[-rho, 1.0]])
+
+
+def _static(
+    rho: float,
+    gamma_squared: float,
+    x11: float,
+    x22: float,
+    n: float,
+    **of_delay: Any,  # noqa: ANN401
+) -> StaticPoint:
+    return StaticPoint(gamma_squared, n / x22, _structured(rho, x11, x22, n)[0], **of_delay)
+
+
+def delay_point(
+    plant: CertifiedPlant, rho: float, epsilon: float, delay: float, clock: Clock
+) -> StaticPoint | None:
+    """Return the optimum of Redondo 2021, (44)–(45), corrected, at ρ, ε and a delay, or None.
+
+    Block (4,5) is −Y B'; L and S decouple and are dropped; the second inequality is made symmetric
+    with a scanned ε: −2 ε X + ε² Q bounds −X Q⁻¹ X from above for every ε.
+    """
+
+    def forms(gamma_squared: float, y: float, q: Matrix, **entries: float) -> Sequence[Matrix]:
+        x, w = _structured(rho, **entries)
+        at = {"gamma_squared": gamma_squared, "delay": delay, "epsilon": epsilon}
+        return *delay_blocks(plant, w=w, x=x, y=y, q=q, **at), -x, -q
+
+    found = minimise(forms, {**STATIC, "y": NONNEG, "q": 2}, clock)
+    return None if found is None else _static(rho, **found)
+
+
+def bounded_point(
+    plant: CertifiedPlant, rho: float, fastest: float, clock: Clock
+) -> StaticPoint | None:
+    """Return the optimum of Redondo 2021, (52), at ρ with all poles right of −``fastest``, or None.
+
+    Without that, inf γ is approached only as the gain goes to infinity: He(A X + B W) + 2 α X > 0.
+    """
+
+    def forms(gamma_squared: float, **entries: float) -> Sequence[Matrix]:
+        x, w = _structured(rho, **entries)
+        closed = plant.a @ x + plant.b @ w
+        block = bounded_real_block(plant, w=w, x=x, gamma_squared=gamma_squared)
+        return block, -(closed + closed.T + 2.0 * fastest * x), -x
+
+    found = minimise(forms, STATIC, clock)
+    return None if found is None else _static(rho, **found)
+
+
+def event_point(
+    plant: CertifiedPlant, gain: float, delay: float, epsilon_squared: float, clock: Clock
+) -> EventPoint | None:
+    """Return the best certificate of the event-triggered delay loop at a gain, or None.
+
+    The 2022 paper prints no inequality; S = 0, so the delay may vary.
+    """
+
+    def forms(p: Matrix, **weights: float) -> Sequence[Matrix]:
+        at = {"gain": gain, "delay": delay, "epsilon_squared": epsilon_squared}
+        return event_block(plant, p=p, s=0.0, **weights, **at), -p
+
+    unknowns: dict[str, Unknown] = {"gamma_squared": NONNEG, "p": 2, "r": NONNEG, "omega": NONNEG}
+    found = minimise(forms, unknowns, clock)
+    return None if found is None else EventPoint(**found)
+
+
+def fixed_lyapunov_certificate(
+    block: Callable[..., Matrix], p: Matrix, gain: float, clock: Clock
+) -> EventPoint | None:
+    """Return the best R, S, Ω and level for a given P, or None if infeasible.
+
+    Args:
+        block: the inequality as function of p, r, s, omega, gamma_squared; affine in them.
+        p: P as printed, (2, 2).
+        gain: N·m·s/rad, by which q and e are scaled.
+        clock: accumulates the time in solvers.
+    """
+    scale, unit = np.diag([1.0, 1.0, abs(gain), abs(gain), 1.0, 1.0, 1.0]), gain**-2
+
+    def forms(gamma_squared: float, **weights: float) -> Sequence[Matrix]:
+        scaled = {name: unit * weight for name, weight in weights.items()}
+        return (scale @ block(p=p, gamma_squared=gamma_squared, **scaled) @ scale,)
+
+    found = minimise(forms, dict.fromkeys(("gamma_squared", "r", "s", "omega"), NONNEG), clock)
+    if found is None:
+        return None
+    return EventPoint(found.pop("gamma_squared"), p, **{k: unit * v for k, v in found.items()})
 
 
 def discrete_h_infinity(
@@ -207,66 +264,30 @@ def discrete_h_infinity(
     u = Y P⁻¹ x, z = C x + D u, w one disturbance.
     """
     n, m = gamma.shape
-    p = cp.Variable((n, n), symmetric=True)
-    y = cp.Variable((m, n))
-    chi = cp.Variable(nonneg=True)
-    forward = phi @ p + gamma @ y
-    out = c @ p + d @ y
-    outputs, inputs = len(c), pi.shape[1]
-    zero = np.zeros
-    blocks = [
-        [-p, forward, pi, zero((n, outputs))],
-        [forward.T, -p, zero((n, inputs)), out.T],
-        [pi.T, zero((inputs, n)), -chi * np.eye(inputs), zero((inputs, outputs))],
-        [zero((outputs, n)), out, zero((outputs, inputs)), -chi * np.eye(outputs)],
-    ]
-    # without the margin of the other programs: the optimum is flat, the level is checked exactly
-    matrix = cp.bmat(blocks)
-    problem = cp.Problem(cp.Minimize(chi), [0.5 * (matrix + matrix.T) << 0, p >> 1e-9 * np.eye(n)])
-    if not solved(problem, clock):
-        return None
-    return DiscretePoint(float(chi.value), np.asarray(p.value), np.asarray(y.value))
 
+    # without the margin of the others: the optimum is flat, the level is checked exactly
+    def forms(chi: float, p: Matrix, y: Matrix) -> Sequence[Matrix]:
+        return discrete_block(phi, gamma, pi, c=c, d=d, p=p, y=y, chi=chi), 1e-9 * np.eye(n) - p
 
-@dataclass(frozen=True, slots=True)
-class LevelPoint:
-    """Solution of the level program: γ² in the loop's unit, P (n, n) and the error's weight λ."""
-
-    level_squared: float
-    p: Matrix
-    weight: float
+    found = minimise(forms, {"chi": NONNEG, "p": n, "y": (m, n)}, clock, strict=0.0)
+    return None if found is None else DiscretePoint(**found)
 
 
 def certify_level(loop: SwitchedLoop, epsilon: float, clock: Clock) -> LevelPoint | None:
     """Return the least level that one P certifies for all delays of ``loop``, or None.
-
-    The certificate of :mod:`gain_gen.analysis.level_certificate` as a semidefinite program.
 
     Args:
         loop: loop at a few delays; each is a block.
         epsilon: relative threshold of the event trigger, or zero.
         clock: accumulates the time in solvers.
     """
-    n = len(loop.a[0])
-    p = cp.Variable((n, n), symmetric=True)
-    level = cp.Variable(nonneg=True)
-    weight = cp.Variable(nonneg=True)
-    constraints = [p >> LEVEL_STRICT * np.eye(n)]
-    inputs = 2 if epsilon else 1
-    pick = np.eye(n + inputs)
-    state, disturbance = pick[:, :n], pick[:, n : n + 1]
-    for a, b in zip(loop.a, loop.b, strict=True):
-        joint = np.hstack([a, b[:, :inputs]])
-        matrix = joint.T @ p @ joint - state @ p @ state.T
-        matrix = matrix + state @ (loop.z.T @ loop.z) @ state.T
-        matrix = matrix - level * (disturbance @ disturbance.T)
-        if epsilon:
-            sent = np.hstack([loop.v, [[0.0, 1.0]]])
-            error = pick[:, n + 1 :]
-            matrix = matrix + weight * (epsilon**2 * sent.T @ sent - error @ error.T)
-        constraints.append(0.5 * (matrix + matrix.T) << -LEVEL_STRICT * np.eye(n + inputs))
-    if not solved(cp.Problem(cp.Minimize(level), constraints), clock):
-        return None
-    return LevelPoint(
-        float(level.value), np.asarray(p.value), float(weight.value) if epsilon else 0.0
-    )
+
+    def forms(level_squared: float, p: Matrix, weight: float = 0.0) -> Sequence[Matrix]:
+        at = partial(dissipation, loop, p=p, level_squared=level_squared, weight=weight)
+        return *(at(i, epsilon=epsilon) for i in range(len(loop.a))), -p
+
+    unknowns: dict[str, Unknown] = {"level_squared": NONNEG, "p": len(loop.a[0])}
+    if epsilon:
+        unknowns["weight"] = NONNEG
+    found = minimise(forms, unknowns, clock, strict=LEVEL_STRICT)
+    return None if found is None else LevelPoint(**{"weight": 0.0, **found})

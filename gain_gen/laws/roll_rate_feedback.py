@@ -150,23 +150,25 @@ def design_hinf_nodelay(task: Task) -> Solution:
             delay_aware=False,
             notes=(why,),
         )
-    from gain_gen.laws.lmi import BoundedProgram, Clock  # noqa: PLC0415 - cvxpy only where it is used
+    from gain_gen.laws.lmi import Clock, bounded_point  # noqa: PLC0415 - cvxpy only where it is used
 
-    clock = Clock()
-    program = BoundedProgram(plant, fastest)
+    clock, certified_plant = Clock(), normalised_plant(plant)
 
     def level(log_rho: float) -> float:
-        solution = program.solve(exp(log_rho), clock)
+        solution = bounded_point(certified_plant, exp(log_rho), fastest, clock)
         return solution.gamma_squared if solution is not None else 1e6
 
     scanned = minimize_scalar(
         level, bounds=(log(0.05), log(fastest)), method="bounded", options={"xatol": 5e-3}
     )
-    best = program.solve(exp(float(scanned.x)), clock)
+    best = bounded_point(certified_plant, exp(float(scanned.x)), fastest, clock)
     assert best is not None
     level_squared = best.gamma_squared * (1.0 + LEVEL_MARGIN)
     block = bounded_real_block(
-        normalised_plant(plant), gain=best.gain, x=best.x, gamma_squared=level_squared
+        certified_plant,
+        w=best.gain * certified_plant.c1 @ best.x,
+        x=best.x,
+        gamma_squared=level_squared,
     )
     gain = plant.rate_gain(best.gain)
     poles = np.linalg.eigvals(state_matrix(model) + gain * moment_input(model) @ ROLL_RATE)

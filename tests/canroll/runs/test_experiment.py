@@ -12,6 +12,7 @@ import pytest
 import tomli_w
 
 import dbc
+import gain_gen.design as designing
 import vehicles
 from canroll.cli.main import main
 from canroll.errors import CanrollError, UnknownNameError
@@ -20,7 +21,6 @@ from canroll.runs import experiment, limit_cycle, saved_run
 from canroll.runs.logs import write_log
 from canroll.setup import controller as prepared
 from codegen.run.backends import PythonEcu
-import gain_gen.design as designing
 from gain_gen.calibration import calibration_file
 from plant_sim.can_bus import DELIVERED
 from plant_sim.nodes import sensors

@@ -18,9 +18,13 @@ from gain_gen.design import design
 from gain_gen.laws.hinf_delay import design_by_theorem
 from gain_gen.laws.hinf_event import design_hinf_event
 from gain_gen.laws.hinf_state import design_state_hinf, discrete_level
-from gain_gen.laws.lmi import Clock
-from gain_gen.laws.lmi_event import EventProgram, fixed_lyapunov_certificate
-from gain_gen.laws.roll_rate_feedback import design_hinf_nodelay, exact_gamma, exact_optimum
+from gain_gen.laws.lmi import Clock, event_point, fixed_lyapunov_certificate
+from gain_gen.laws.roll_rate_feedback import (
+    design_hinf_nodelay,
+    exact_gamma,
+    exact_optimum,
+    normalised_plant,
+)
 from gain_gen.laws.state_gains import discrete_plant, yim_weights
 from gain_gen.models.roll import ROLL_RATE, normalise
 from gain_gen.models.state_space import StateSpace
@@ -71,9 +75,8 @@ def test_gain_of_the_corrected_theorem_at_100_ms():
 def test_a_perturbed_certificate_is_refused(van):
     """The eigenvalue check must be able to fail: a stiffer gain breaks the same certificate."""
     plant = normalise(van)
-    point = EventProgram(plant).solve(
-        -6400.0 / plant.rate_gain(1.0), plant.delay(0.04), 0.1, Clock()
-    )
+    gain, delay = -6400.0 / plant.rate_gain(1.0), plant.delay(0.04)
+    point = event_point(normalised_plant(plant), gain, delay, 0.1, Clock())
     scale = np.diag([1.0, 1.0 / plant.frequency])
     weights = {
         "p": scale @ point.p @ scale / plant.frequency,
