@@ -6,6 +6,7 @@ hydraulics, which resist by themselves, and a plant in another process need the 
 
 from collections.abc import Iterable
 from dataclasses import astuple, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,7 +108,7 @@ def without_control(settings: Settings, controller: PreparedController) -> Trace
     )
 
 
-def _lasting(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+def _lasting(values: NDArray[np.floating[Any]], count: int) -> NDArray[np.float64]:
     """Return ``count`` values, the last of them repeated."""
     lasting = np.full(count, values[-1])
     lasting[: len(values)] = values
