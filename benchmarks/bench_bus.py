@@ -111,6 +111,7 @@ def main():
             f"{messages:4} messages: {rates[messages] / 1e6:5.2f} M frames/s,"
             f" {1.0 / rates[messages] / unit:5.0f} yardsticks a frame"
         )
+        print(f"ratio messages_{messages} {100.0 * rates[messages] * unit:.3f}")
     print(f"cost of a frame, 1000 messages to 10: {rates[10] / rates[1000]:.2f}")
     costs = {
         name: cost_of_a_frame(name, frames=5_000, runs=options.runs, **more)
@@ -119,6 +120,7 @@ def main():
     ratio = costs["simbus"] / costs["virtual"]
     told = ", ".join(f"{name} {cost * 1e6:.1f} µs" for name, cost in costs.items())
     print(f"to send and receive a frame with python-can: {told}, {ratio:.2f} times")
+    print(f"ratio simbus {1.0 / ratio:.3f}")
     network = network_of(12)
     advance(network, 1000 * MS)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -9,6 +9,8 @@ CPU times are of one process, the ways of driving a draw in turn, best of the ro
 
 All have the native firmware, and compiled kernels of vehicle, bus and nodes.
 
+The ratio ``draw`` is 100 million yardsticks of ``bench_plant`` over a draw; see ``scripts/ratios``.
+
 Wall times are of one process, of two, and of two workers of a Dask cluster, each driving for
 ``--seconds`` after a round that loads the kernels. Beside other work on the machine they say
 little: the load before is printed.
@@ -20,6 +22,8 @@ import time
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import replace
 from itertools import count
+
+from bench_plant import yardstick
 
 from canroll.campaigns import campaign_file
 from canroll.campaigns.plan import drive_chunk
@@ -36,6 +40,13 @@ WARM_UP_S = 3.0
 """Time in which every process has loaded the kernels."""
 BEST_OF = 5
 """CPU times of each way of driving a draw."""
+
+
+def yardsticks(number):
+    """CPU time of so many yardsticks (ms)."""
+    start = time.process_time()
+    yardstick(number)
+    return 1e3 * (time.process_time() - start)
 
 
 def whole_runs(controller, draws):
@@ -168,6 +179,9 @@ def main():
     for name, found in best.items():
         over = found / best["compiled loop"]
         print(f"{name:24} {found:6.1f} ms of CPU time a draw, {over:.2f} times the compiled loop's")
+    unit = min(yardsticks(10_000_000) for _ in range(BEST_OF)) / 10_000_000
+    print(f"ratio draw {1e8 * unit / best['compiled loop']:.3f}")
+    print(f"ratio python_loop {best['Python loop'] / best['compiled loop']:.3f}")
     found = shares(plan.controller, draws[:16])
     print("shares: " + ", ".join(f"{name} {share:.2f}" for name, share in found.items()))
     with ExitStack() as opened:
@@ -184,9 +198,9 @@ def main():
     one, two, *others = rates.values()
     for name, rate in rates.items():
         print(f"{name:24} {rate:6.1f} draws per second over {options.seconds:g} s")
-    print(f"two processes over one: {two / one:.2f}")
+    print(f"ratio two_processes {two / one:.3f}")
     for rate in others:
-        print(f"Dask over the pool: {rate / two:.2f}")
+        print(f"ratio dask_over_pool {rate / two:.3f}")
     print(f"a million draws on two cores: {1e6 / two / 3600:.1f} h")
 
 

@@ -63,6 +63,7 @@ def main() -> int:
         good = good and taken <= LAW_LIMIT_S and each <= SOLVE_LIMIT_MS
         print(f"{law:<20}{taken:>9.2f}{taken / unit:>9.0f}{solves:>8.0f}{each:>12.1f}")
     print(f"{'all laws':<20}{total:>9.2f}{total / unit:>9.0f}")
+    print(f"ratio all_laws {1e3 * unit / total:.3f}")
     good = good and total <= ALL_LIMIT_S
     print("within the targets" if good else "beyond a target")
     return 0 if good else 1

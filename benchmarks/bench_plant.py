@@ -3,6 +3,9 @@
 Each body drives a double lane change with the driver in the loop and every output recorded; the
 time to build it is left out. Best of several runs. A yardstick, one step of a compiled shift
 register, measured in the same run lets numbers of different machines compare.
+
+A ratio ``NAME`` is 1000 yardsticks over a step of that body, ``NAME_driven`` over a step with the
+driver and the record; see ``scripts/ratios``.
 """
 
 import argparse
@@ -77,6 +80,8 @@ def main():
             f"{name:20}{args.seconds / seconds:11.0f}x{step * 1e6:12.2f}{step / unit:12.0f}"
             f"{with_driver:13.0f}x"
         )
+        print(f"ratio {name} {1e3 * unit / step:.3f}")
+        print(f"ratio {name}_driven {1e3 * unit * with_driver / (STEP_NS * 1e-9):.3f}")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,8 @@ Prints, for every body, rates as multiples of real time:
 - Python loop, CPython tick: the same with the firmware run by CPython, line by line, as with
   ``canroll run --backend python``; vehicle, bus and nodes are compiled
 
-The time to build a world is left out. CPU time, best of several runs of each in turn.
+A ratio is that of the compiled loop to the plant alone; see ``scripts/ratios``. The time to build
+a world is left out. CPU time, best of several runs of each in turn.
 """
 
 import argparse
@@ -85,6 +86,7 @@ def main():
             if name == COMPILED:
                 of = f"{rate / alone:.2f} of the plant alone"
             print(f"  {name:<27}{rate:7.1f} x real time, {of}", flush=True)
+        print(f"ratio {body} {best[COMPILED] / alone:.3f}")
 
 
 if __name__ == "__main__":

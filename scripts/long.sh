@@ -40,7 +40,8 @@ for name in "${@:-tests differential mutation worst_case benchmarks contract lim
             benchmarks)
                 for bench in benchmarks/bench_*.py; do
                     keep "$(basename "$bench" .py)" python "$bench"
-                done ;;
+                done
+                scripts/ratios docs/evidence/bench_*.txt ;;
             contract)
                 keep contract canroll design --compare --bus 500k --vehicle van_real --runs 200 ;;
             limit_cycles)

@@ -6,6 +6,7 @@ hydraulics, which resist by themselves, and a plant in another process need the 
 
 from collections.abc import Iterable
 from dataclasses import astuple, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +69,8 @@ def figures(controller: PreparedController, settings: Iterable[Settings]) -> NDA
 def _pair(controller: PreparedController, settings: Settings) -> tuple[object, ...]:
     passive = without_control(settings, controller)
     controlled = drive(settings, controller, enabled=True, kept=NEEDED)
+    # several metrics read the same signals
+    controlled = replace(controlled, signals=dict(controlled.signals))
     cycle = limit_cycle_of(settings, controller, controlled, passive.signals)
     return (
         astuple(metrics.judge(passive)),
@@ -93,9 +96,7 @@ def without_control(settings: Settings, controller: PreparedController) -> Trace
     driven = open_loop.signals(outputs, steer) | {"time": 1e-9 * STEP_NS * np.arange(1, count + 1)}
     # a vehicle that has rolled over rests until the run ends
     signals = {
-        name: np.pad(driven[name], (0, count - len(driven[name])), "edge")
-        if name in driven
-        else np.zeros(count)
+        name: _lasting(driven[name], count) if name in driven else np.zeros(count)
         for name in NEEDED.signals
     }
     return Trace(
@@ -105,6 +106,13 @@ def without_control(settings: Settings, controller: PreparedController) -> Trace
         ticks=Rows(TICK),
         duration=end_ns * 1e-9,
     )
+
+
+def _lasting(values: NDArray[np.floating[Any]], count: int) -> NDArray[np.float64]:
+    """Return ``count`` values, the last of them repeated."""
+    lasting = np.full(count, values[-1])
+    lasting[: len(values)] = values
+    return lasting
 
 
 def _end_ns(settings: Settings, driven_ns: int, duration_ns: int) -> int:

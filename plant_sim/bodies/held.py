@@ -29,12 +29,17 @@ def hold(inputs: Vector, car: Car, held: Vector) -> None:
     # bank and grade are held relative to the car: the frame turns about the vertical
     held[TURN], held[TURN + 1] = held[UP] / held[UP + 2], held[UP + 1] / held[UP + 2]
     drive_per_load = inputs[ports.DRIVE_FORCE] / (car.mass * GRAVITY)
+    left, right = inputs[ports.STEER], inputs[ports.STEER]
+    if car.axle[0].rows[curves.STEERING] > 0.0:
+        left = curves.road_wheel(car.axle[0], car.points, left, 1.0)
+        right = curves.road_wheel(car.axle[0], car.points, right, -1.0)
+    held[STEERED], held[STEERED + 1] = left, right
+    held[STEER_COS], held[STEER_SIN] = cos(left), sin(left)
+    held[STEER_COS + 1], held[STEER_SIN + 1] = held[STEER_COS], held[STEER_SIN]
+    if right != left:
+        held[STEER_COS + 1], held[STEER_SIN + 1] = cos(right), sin(right)
+    for wheel in range(2, 4):
+        held[STEERED + wheel], held[STEER_COS + wheel], held[STEER_SIN + wheel] = 0.0, 1.0, 0.0
     for wheel in range(4):
-        angle = 0.0
-        if wheel < 2:
-            side = 1.0 - 2.0 * wheel
-            angle = curves.road_wheel(car.axle[0], car.points, inputs[ports.STEER], side)
-        held[STEERED + wheel] = angle
-        held[STEER_COS + wheel], held[STEER_SIN + wheel] = cos(angle), sin(angle)
         # traction is shared by static load
         held[DRIVE + wheel] = drive_per_load * car.load[wheel]

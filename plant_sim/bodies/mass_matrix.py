@@ -146,7 +146,15 @@ def _eliminate(motion: Vector, car: Car, hubs: Vector, factors: Vector) -> None:
                 factors[MATRIX + BASE * i + j] -= (
                     sliding * factors[slide + j] + tilting * factors[tilt + j]
                 )
-    for j in range(BASE):
+    # along x the car is coupled with its pitch and yaw alone
+    per_mass = 1.0 / factors[MATRIX]
+    factors[MATRIX] = per_mass
+    for i in range(PITCH, ROLL):
+        scaled = per_mass * factors[MATRIX + BASE * i]
+        for k in range(i, ROLL):
+            factors[MATRIX + BASE * k + i] -= scaled * factors[MATRIX + BASE * k]
+        factors[MATRIX + BASE * i] = scaled
+    for j in range(1, BASE):
         column = MATRIX + j
         per_pivot = 1.0 / factors[column + BASE * j]
         factors[column + BASE * j] = per_pivot
@@ -201,14 +209,18 @@ def substitute(factors: Vector, right: Vector, axles: Vector) -> None:
         axles[2 + axle] *= factors[PER_TILT + axle]
         for i in range(1, BASE):
             right[i] -= factors[slide + i] * axles[axle] + factors[tilt + i] * axles[2 + axle]
-    for j in range(BASE):
+    for i in range(PITCH, ROLL):
+        right[i] -= factors[MATRIX + BASE * i] * right[0]
+    for j in range(1, BASE):
         for i in range(j + 1, BASE):
             right[i] -= factors[MATRIX + BASE * i + j] * right[j]
     for j in range(BASE):
         right[j] *= factors[MATRIX + BASE * j + j]
-    for j in range(BASE - 1, -1, -1):
-        for i in range(j):
+    for j in range(BASE - 1, 0, -1):
+        for i in range(1, j):
             right[i] -= factors[MATRIX + BASE * j + i] * right[j]
+    for i in range(YAW, YAW - 2, -1):
+        right[0] -= factors[MATRIX + BASE * i] * right[i]
     for axle in range(2):
         sliding, tilting = 0.0, 0.0
         for i in range(1, BASE):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.driving.preview import POINTS, SPEED_STEP
-from plant_sim.kernels.jit import borrowed, njit
+from plant_sim.kernels.jit import borrowed, inlined, njit
 from vehicles import GRAVITY
 
 FOLLOW_PATH = 0
@@ -141,7 +141,7 @@ def uncounted(drive: DriveInputs) -> DriveInputs:
     )
 
 
-@njit
+@inlined
 def sample(table: Vector, position: float) -> float:
     """Linear interpolation in ``table`` at ``position`` (in steps), held at its ends."""
     last = table.size - 1
@@ -154,16 +154,21 @@ def sample(table: Vector, position: float) -> float:
     return float(table[i] * (1.0 - part) + table[i + 1] * part)
 
 
-@njit
+@inlined
+def _segment(drive: DriveInputs, station: float) -> tuple[int, float]:
+    """Segment of the path at ``station`` (m), and the share of it that lies before."""
+    place = station / drive.parameters[D_PATH_STEP]
+    i = min(max(floor(place), 0), drive.path_x.size - 2)
+    return i, place - i
+
+
+@inlined
 def _path_point(drive: DriveInputs, station: float) -> tuple[float, float, float, float]:
     """Point and unit tangent of the path at ``station`` (m); straight on beyond its ends."""
-    step = drive.parameters[D_PATH_STEP]
-    last = drive.path_x.size - 2
-    i = min(max(floor(station / step), 0), last)
+    i, part = _segment(drive, station)
     dx = drive.path_x[i + 1] - drive.path_x[i]
     dy = drive.path_y[i + 1] - drive.path_y[i]
     length = hypot(dx, dy)
-    part = station / step - i
     return drive.path_x[i] + part * dx, drive.path_y[i] + part * dy, dx / length, dy / length
 
 
@@ -182,7 +187,7 @@ def off_path(drive: DriveInputs, station: float, x: Vector, y: Vector, left: Vec
     return station
 
 
-@njit
+@inlined
 def _follow(outputs: Vector, drive: DriveInputs) -> float:
     """Road-wheel angle demanded by the driver (rad); updates station and path error."""
     memory = drive.memory
@@ -194,30 +199,32 @@ def _follow(outputs: Vector, drive: DriveInputs) -> float:
     return _previewed(outputs, drive, speed)
 
 
-@njit
-def _gain(table: Vector, position: float, column: int) -> float:
-    """Preview gain of ``column`` at ``position`` (in steps of speed), held at the table's ends."""
-    last = table.size // ROW - 1
-    held = min(max(position, 0.0), float(last))
-    row = min(floor(held), last - 1)
-    part, at = held - row, row * ROW + column
+@inlined
+def _gain(table: Vector, at: int, part: float) -> float:
+    """Preview gain at the place ``at`` of one speed, that ``part`` of a step above it."""
     return float(table[at] * (1.0 - part) + table[at + ROW] * part)
 
 
-@njit
+@inlined
 def _previewed(outputs: Vector, drive: DriveInputs, speed: float) -> float:
     """Demand of the preview control (rad), up to the slip angle that the driver allows."""
-    parameters, memory = drive.parameters, drive.memory
-    position = speed / SPEED_STEP - 1.0
-    wanted = -outputs[ports.VY] * _gain(drive.preview, position, 0)
-    wanted -= outputs[ports.YAW_RATE] * _gain(drive.preview, position, 1)
-    wanted -= memory[M_STEER] * _gain(drive.preview, position, 2)
+    parameters, memory, table = drive.parameters, drive.memory, drive.preview
+    # the table's ends hold beyond them
+    last = table.size // ROW - 1
+    held = min(max(speed / SPEED_STEP - 1.0, 0.0), float(last))
+    row = min(floor(held), last - 1)
+    at, part = row * ROW, held - row
+    wanted = -outputs[ports.VY] * _gain(table, at, part)
+    wanted -= outputs[ports.YAW_RATE] * _gain(table, at + 1, part)
+    wanted -= memory[M_STEER] * _gain(table, at + 2, part)
     cosine, sine = cos(outputs[ports.YAW]), sin(outputs[ports.YAW])
     apart = speed * parameters[D_PREVIEW_TIME] / POINTS
-    for i in range(POINTS):
-        x, y, _, _ = _path_point(drive, memory[M_STATION] + apart * (i + 1))
+    for k in range(POINTS):
+        i, along = _segment(drive, memory[M_STATION] + apart * (k + 1))
+        x = drive.path_x[i] + along * (drive.path_x[i + 1] - drive.path_x[i])
+        y = drive.path_y[i] + along * (drive.path_y[i + 1] - drive.path_y[i])
         offset = (y - outputs[ports.Y]) * cosine - (x - outputs[ports.X]) * sine
-        wanted += offset * _gain(drive.preview, position, STATES + i)
+        wanted += offset * _gain(table, at + STATES + k, part)
     across = outputs[ports.VY] + parameters[D_FRONT] * outputs[ports.YAW_RATE]
     straight = across / max(outputs[ports.VX], 1.0)
     limit = parameters[D_SLIP_LIMIT]
@@ -327,7 +334,7 @@ def _blow(wind: float, outputs: Vector, inputs: Vector, parameters: Vector) -> N
     inputs[ports.WIND_YAW] = parameters[D_WIND_AHEAD] * force
 
 
-@njit
+@inlined
 def drive(t_ns: int, outputs: Vector, inputs: Vector, drive: DriveInputs) -> None:
     """Fill ``inputs`` for the step that starts at ``t_ns``, from the ``outputs`` of the last one.
 

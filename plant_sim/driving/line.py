@@ -8,6 +8,7 @@ least squares: Lawson and Hanson, "Solving Least Squares Problems" (1974), chapt
 """
 
 from functools import lru_cache
+from math import inf
 
 import numpy as np
 from scipy.optimize import nnls
@@ -28,16 +29,8 @@ SIDE_POINTS = 9
 """Points along the side of the car that pass the ends of a lane."""
 
 
-@lru_cache(maxsize=16)
 def through_gates(
-    lanes: tuple[Lane, ...],
-    *,
-    approach: float,
-    run_out: float,
-    front: float,
-    rear: float,
-    width: float,
-    curvature: float,
+    lanes: tuple[Lane, ...], *, approach: float, run_out: float, curvature: float, **car: float
 ) -> XY:
     """Line of the centre of gravity through the lanes, straight before and after them.
 
@@ -48,10 +41,31 @@ def through_gates(
         lanes: of the cone track.
         approach: straight before the first lane, m.
         run_out: straight after the last lane, m.
-        front: bodywork ahead of the centre of gravity, m.
-        rear: bodywork behind the centre of gravity, m.
-        width: of the car, m.
         curvature: that the car can follow, 1/m.
+        car: its ``width``, and its bodywork ``front`` and ``rear`` of the centre of gravity, m.
+    """
+    xy = None
+    for closest in (inf, CLOSEST):
+        most, xy = _clearing(lanes, closest, approach=approach, run_out=run_out, **car)
+        if most <= curvature:
+            break
+    return through(lanes, approach=approach, run_out=run_out) if xy is None else xy
+
+
+@lru_cache(maxsize=16)
+def _clearing(
+    lanes: tuple[Lane, ...],
+    closest: float,
+    *,
+    approach: float,
+    run_out: float,
+    front: float,
+    rear: float,
+    width: float,
+) -> tuple[float, XY | None]:
+    """Largest curvature (1/m) and points of the line that keeps RESERVE, or ``closest`` (m).
+
+    Kept, as a population of cars of one body drives the same ones. Infinite and None: no line.
     """
     count = int((approach + lanes[-1].start + lanes[-1].length + run_out) / STEP)
     s = np.linspace(0.0, STEP * count, count + 1)
@@ -66,16 +80,12 @@ def through_gates(
         centres.append(lane.centre)
         rooms.append(0.5 * (lane.width - width))
     clear, centre, room = np.array(rows), np.array(centres), np.array(rooms)
-    line = None
-    for reserve in (RESERVE * room, np.minimum(CLOSEST, RESERVE * room)):
-        free = room - reserve
-        line = _least(np.vstack((clear, -clear)), np.concatenate((free + centre, free - centre)))
-        if line is not None and np.abs(line).max() <= curvature:
-            break
+    free = room - np.minimum(closest, RESERVE * room)
+    line = _least(np.vstack((clear, -clear)), np.concatenate((free + centre, free - centre)))
     if line is None:
-        return through(lanes, approach=approach, run_out=run_out)
+        return inf, None
     y: Vector = across @ line
-    return resample(s, y)
+    return float(np.abs(line).max()), resample(s, y)
 
 
 def _clearances(

@@ -11,8 +11,10 @@ with F the free motion from the state x = (lateral velocity, yaw rate, road-whee
 motion per steering demand. Distances are in the axes of the car.
 """
 
+from functools import lru_cache
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
 from canroll.typing import Vector
@@ -39,16 +41,29 @@ Matrix = NDArray[np.float64]
 _Y, _YAW, _VY, _RATE, _ANGLE = range(5)
 
 
+BLOCK = 8
+"""Preview times that are tried at once."""
+
+
 def preview_time(vehicle: Vehicle, speed: float) -> float:
     """Shortest preview time (s) at which the linear car is damped by :data:`DAMPING` on a straight.
 
     A shorter one follows the path more closely. At ``speed`` (m/s); LONGEST if none is damped so.
     """
-    a, b = bicycle(vehicle, speed)
-    for time in np.arange(LAGS * vehicle.driver.lag, LONGEST, 0.02):
-        poles = np.linalg.eigvals(a - b @ gains(a, b, time)[1][None, :])
-        if (-poles.real >= DAMPING * np.abs(poles)).all():
-            return round(float(time), 2)
+    return _shortest(_numbers(vehicle), speed)
+
+
+@lru_cache(maxsize=16)
+def _shortest(numbers: tuple[float, ...], speed: float) -> float:
+    a, b = _bicycle(numbers, speed)
+    times = np.arange(LAGS * numbers[-1], LONGEST, 0.02)
+    for first in range(0, len(times), BLOCK):
+        some = times[first : first + BLOCK]
+        driven = a - b * gains(a, b, some)[1][:, None, :]
+        poles = np.linalg.eigvals(driven)
+        damped = (-poles.real >= DAMPING * np.abs(poles)).all(axis=1)
+        if damped.any():
+            return round(float(some[damped.argmax()]), 2)
     return LONGEST
 
 
@@ -58,11 +73,15 @@ def table(vehicle: Vehicle, speed: float, time: float) -> Vector:
     The rows are at multiples of :data:`SPEED_STEP` up to at least ``speed`` (m/s), for the preview
     ``time`` (s).
     """
-    rows = []
-    for k in range(1, 2 + int(np.ceil(speed / SPEED_STEP))):
-        per_offset, per_state = gains(*bicycle(vehicle, k * SPEED_STEP), time)
-        rows.append(np.concatenate((per_state[_VY:], per_offset)))
-    return np.concatenate(rows)
+    return _table(_numbers(vehicle), 1 + int(np.ceil(speed / SPEED_STEP)), time).copy()
+
+
+@lru_cache(maxsize=16)
+def _table(numbers: tuple[float, ...], rows: int, time: float) -> Vector:
+    models = [_bicycle(numbers, k * SPEED_STEP) for k in range(1, 1 + rows)]
+    a, b = map(np.array, zip(*models, strict=True))
+    per_offset, per_state = gains(a, b, np.full(rows, time))
+    return np.concatenate((per_state[:, _VY:], per_offset), axis=1).ravel()
 
 
 def bicycle(vehicle: Vehicle, speed: float) -> tuple[Matrix, Matrix]:
@@ -71,29 +90,47 @@ def bicycle(vehicle: Vehicle, speed: float) -> tuple[Matrix, Matrix]:
     Returns:
         A (5, 5) and B (5, 1) of the steering demand (rad), at ``speed`` (m/s).
     """
+    return _bicycle(_numbers(vehicle), speed)
+
+
+def _numbers(vehicle: Vehicle) -> tuple[float, ...]:
+    """What the gains depend on besides the speed."""
     front, rear = axles(vehicle)
-    mass, inertia = vehicle.total_mass, vehicle.mass.yaw_inertia
-    turning = front.ahead * front.cornering + rear.ahead * rear.cornering
+    return (
+        *(vehicle.total_mass, vehicle.mass.yaw_inertia),
+        *(front.ahead, front.cornering, rear.ahead, rear.cornering, vehicle.driver.lag),
+    )
+
+
+def _bicycle(numbers: tuple[float, ...], speed: float) -> tuple[Matrix, Matrix]:
+    mass, inertia, front, front_cornering, rear, rear_cornering, lag = numbers
+    turning = front * front_cornering + rear * rear_cornering
     a, b = np.zeros((5, 5)), np.zeros((5, 1))
     a[_Y, _YAW], a[_Y, _VY], a[_YAW, _RATE] = speed, 1.0, 1.0
-    a[_VY, _VY] = -(front.cornering + rear.cornering) / (mass * speed)
+    a[_VY, _VY] = -(front_cornering + rear_cornering) / (mass * speed)
     a[_VY, _RATE] = -speed - turning / (mass * speed)
-    a[_VY, _ANGLE] = front.cornering / mass
+    a[_VY, _ANGLE] = front_cornering / mass
     a[_RATE, _VY] = -turning / (inertia * speed)
-    damping = front.ahead**2 * front.cornering + rear.ahead**2 * rear.cornering
+    damping = front**2 * front_cornering + rear**2 * rear_cornering
     a[_RATE, _RATE] = -damping / (inertia * speed)
-    a[_RATE, _ANGLE] = front.ahead * front.cornering / inertia
-    a[_ANGLE, _ANGLE], b[_ANGLE, 0] = -1.0 / vehicle.driver.lag, 1.0 / vehicle.driver.lag
+    a[_RATE, _ANGLE] = front * front_cornering / inertia
+    a[_ANGLE, _ANGLE], b[_ANGLE, 0] = -1.0 / lag, 1.0 / lag
     return a, b
 
 
-def gains(a: Matrix, b: Matrix, time: float) -> tuple[Vector, Vector]:
-    """Gains per lateral offset of the path (rad/m, POINTS) and per state of the car (5)."""
-    step = expm(np.block([[a, b], [np.zeros((1, 6))]]) * (time / POINTS))
+def gains(a: Matrix, b: Matrix, time: ArrayLike) -> tuple[Matrix, Matrix]:
+    """Gains per lateral offset of the path (rad/m, POINTS) and per state of the car (5).
+
+    ``a``, ``b`` and ``time`` (s) may be several: the gains have the same first dimensions then.
+    """
+    share = np.asarray(time)[..., None, None] / POINTS
+    both = np.zeros((*share.shape[:-2], 6, 6))
+    both[..., :5, :5], both[..., :5, 5:] = a, b
+    step = expm(both * share)
     moved, motion = np.eye(6), []
     for _ in range(POINTS):
         moved = step @ moved
-        motion.append(moved[_Y])
-    free, steered = np.split(np.array(motion), [5], axis=1)
-    per_offset = steered[:, 0] / np.square(steered).sum()
-    return per_offset, per_offset @ free
+        motion.append(moved[..., _Y, :])
+    free, steered = np.split(np.stack(motion, axis=-2), [5], axis=-1)
+    per_offset = steered[..., 0] / np.square(steered[..., 0]).sum(axis=-1, keepdims=True)
+    return per_offset, (per_offset[..., None, :] @ free)[..., 0, :]

@@ -6,6 +6,7 @@ frame carries the low 32 bits of the freshness value and the first 32 bits of th
 """
 
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -54,7 +55,8 @@ def _doubled(value: int) -> int:
     return (value << 1) ^ (0x11B if value & 0x80 else 0)
 
 
-def _sbox() -> list[int]:
+@cache
+def _sbox() -> tuple[int, ...]:
     """The S-box by powers of the generator 3: the inverse of 3^k is 3^(255 - k)."""
     powers = [1]
     for _ in range(254):
@@ -68,7 +70,7 @@ def _sbox() -> list[int]:
             value ^= turned
             turned = (turned << 1 | turned >> 7) & 255
         box.append(value)
-    return box
+    return tuple(box)
 
 
 def _round_keys(key: bytes, sbox: Sequence[int]) -> list[int]:

@@ -279,4 +279,4 @@ def _even(signals: Mapping[str, NDArray[np.float64]], name: str) -> Iterator[NDA
         held.append(rest)
         room -= len(rest)
     if room < PIECE:
-        yield np.concatenate(held)
+        yield held[0] if len(held) == 1 else np.concatenate(held)
