@@ -15,6 +15,7 @@ from firmware import calibration as fw
 from firmware import ecu as loop
 from firmware.com import signals
 from firmware.state import ACTIVE, RX_IMU, Ecu
+from gain_gen.calibration import freeze
 
 
 class Watched:
@@ -110,13 +111,13 @@ class Watched:
 
 def watched_run(monkeypatch, scenario: str, **options) -> Watched:
     designs = []
-    calibrate = hil_controller.calibrate
+    calibrate = freeze.calibrate
 
     def noting(design, *rest):
         designs.append(design)
         return calibrate(design, *rest)
 
-    monkeypatch.setattr(hil_controller, "calibrate", noting)
+    monkeypatch.setattr(freeze, "calibrate", noting)
     monkeypatch.setattr(hil_controller, "FROZEN", deque())
     settings, controller = experiment.plan(scenario, backend="python", **options)
     watched = Watched(controller.record, designs[-1])

@@ -199,7 +199,7 @@ def test_the_law_passive_has_no_controlled_run():
 
 
 def test_the_law_passive_designs_nothing(monkeypatch):
-    monkeypatch.setattr(prepared, "design", None)
+    monkeypatch.setattr("gain_gen.design.design", None)
     settings, controller = experiment.plan("roundabout", law="passive")
     assert settings.law == "passive"
     assert not any(controller.record.output_gain)
