@@ -482,7 +482,7 @@ def test_an_unknown_bus_is_suggested_the_nearest(capsys):
 
 @pytest.mark.parametrize(("host", "notes"), [("127.0.0.1", 0), ("0.0.0.0", 1)])
 def test_a_bus_open_to_the_network_says_so(host, notes, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("canroll.cli.bus.serve_network", lambda *_, **__: None)
+    monkeypatch.setattr("canroll.cli.bus_server.serve_network", lambda *_, **__: None)
     assert main(["bus", traffic(tmp_path, period=10), "--serve", "0", "--host", host]) == 0
     assert capsys.readouterr().out.count("anyone who can reach 0.0.0.0 can read and write") == notes
 

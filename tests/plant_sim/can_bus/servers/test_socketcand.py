@@ -10,7 +10,7 @@ import can
 import pytest
 
 import dbc
-from canroll.cli import bus
+from canroll.cli import bus_server
 from canroll.cli.main import main
 from canroll.errors import CanrollError
 from plant_sim.can_bus.kernel.network import build_network
@@ -228,7 +228,7 @@ def test_fd_frames_do_not_vanish_in_a_protocol_without_them(server):
 
 
 def test_serving_refuses_frames_that_its_clients_would_not_see(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(bus, "serve_network", lambda network, **_: pytest.fail("served"))
+    monkeypatch.setattr(bus_server, "serve_network", lambda network, **_: pytest.fail("served"))
     path = tmp_path / "fd.toml"
     row = "[[message]]\nname = '{0}'\nid = {1}\nperiod_ms = 10\nbytes = 8\nfd = {2}\n"
     path.write_text(row.format("Radar", 1, "true") + row.format("Wheels", 2, "false"))
