@@ -42,9 +42,13 @@ def report(
         refused = check(record)
         if refused:
             raise CanrollError(f"{name}: rejected by rule {refused} of the ECU's check")
-    findings, expressions, took = firmware.kept(
-        f"proof {key(record)!r}", lambda: verdict(record, firmware)
-    )
+    try:
+        expressions, took = firmware.kept(
+            f"proof {key(record)!r}", lambda: proved(record, firmware)
+        )
+        findings: list[str] = []
+    except NotProvedError as failed:  # made anew each time: its places may be of files of this run
+        findings, expressions, took = failed.findings, failed.expressions, failed.took
     if as_json:
         answer = {"proved": not findings, "for": name, "expressions": expressions}
         print(json.dumps(answer | {"findings": findings, "seconds": took}))
@@ -62,9 +66,24 @@ def report(
     return 0
 
 
-def verdict(record: Calibration | None, firmware: BusFirmware) -> tuple[list[str], int, float]:
-    """Return what is not met, in words, the number of expressions, and the time it took, s."""
+class NotProvedError(Exception):
+    """A proof that fails: its findings in words, its number of expressions, its time in s."""
+
+    def __init__(self, findings: list[str], expressions: int, took: float) -> None:
+        super().__init__(f"{len(findings)} places")
+        self.findings, self.expressions, self.took = findings, expressions, took
+
+
+def proved(record: Calibration | None, firmware: BusFirmware) -> tuple[int, float]:
+    """Return the number of expressions shown to be safe, and the time that took, s.
+
+    Raises:
+        NotProvedError: some are not.
+    """
     begin = perf_counter()
     exact = None if record is None else memory_image.elements(record)
     proof = prove.prove(firmware.program(), calibration=exact)
-    return [str(finding) for finding in proof.findings], len(proof.seen), perf_counter() - begin
+    took = perf_counter() - begin
+    if proof.findings:
+        raise NotProvedError([str(finding) for finding in proof.findings], len(proof.seen), took)
+    return len(proof.seen), took
