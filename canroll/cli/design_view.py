@@ -2,12 +2,15 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from math import inf, isfinite
+from typing import TYPE_CHECKING
 
 from canroll.report.page import PageTable
-from gain_gen.calibration.freeze import summary
+from gain_gen.calibration.summary import summary
 from gain_gen.models.task import UNITS, Check, Design
-from gain_gen.monitors.detectability import Detectable
-from gain_gen.monitors.uncertainty import Uncertainty
+
+if TYPE_CHECKING:
+    from gain_gen.monitors.detectability import Detectable
+    from gain_gen.monitors.uncertainty import Uncertainty
 
 LABELS = {
     "spectral_radius": "spectral radius",
@@ -146,7 +149,7 @@ def others(answer: Design) -> PageTable:
     )
 
 
-def allowed_for(box: Uncertainty) -> str:
+def allowed_for(box: "Uncertainty") -> str:
     """Return the title of the table of :func:`detectability`."""
     return (
         "Least constant fault that a balance of signals shows within 0.3 s, allowing for mass\n"
@@ -157,7 +160,7 @@ def allowed_for(box: Uncertainty) -> str:
     )
 
 
-def detectability(rows: Iterable[Detectable], box: Uncertainty) -> PageTable:
+def detectability(rows: "Iterable[Detectable]", box: "Uncertainty") -> PageTable:
     """Return the detectable size of each constant fault, and the faults it is confused with."""
     return PageTable(
         title=allowed_for(box),

@@ -2,8 +2,6 @@
 
 from dataclasses import asdict, replace
 from importlib.metadata import version
-from math import isfinite
-from typing import Any
 
 import numpy as np
 
@@ -16,12 +14,10 @@ from gain_gen.calibration.quantise import Quantised, law_kind, quantise_design
 from gain_gen.calibration.record import fill, identify
 from gain_gen.calibration.response_part import unwatched
 from gain_gen.calibration.rounding_error import quantisation_checks
+from gain_gen.calibration.summary import Tables, plain
 from gain_gen.calibration.vehicle_part import share_of
 from gain_gen.laws import LAWS
-from gain_gen.models.roll import Matrix
 from gain_gen.models.task import Design
-
-Tables = dict[str, Any]
 
 
 def calibrate(design: Design, options: QuantiseOptions | None = None) -> tuple[Calibration, Tables]:
@@ -60,15 +56,15 @@ def design_tables(design: Design, quantised: Quantised) -> Tables:
     controller = design.controller
     gains: Tables = {"kind": law_kind(design)}
     if controller.output_gain is not None:
-        gains["output_gain"] = _list(controller.output_gain)
+        gains["output_gain"] = plain(controller.output_gain)
     elif controller.compensator is not None:
-        gains |= {name: _list(getattr(controller.compensator, name)) for name in "abecd"}
+        gains |= {name: plain(getattr(controller.compensator, name)) for name in "abecd"}
     else:
         gains |= {
-            "feedback": _list(controller.feedback),
-            "feedforward": _list(controller.feedforward),
+            "feedback": plain(controller.feedback),
+            "feedforward": plain(controller.feedforward),
         }
-    gains["correction"] = _list(controller.observer.correction)
+    gains["correction"] = plain(controller.observer.correction)
     return {
         "design": {
             "law": design.law,
@@ -134,63 +130,3 @@ def _levels(design: Design) -> Tables:
     return {name: value for name, value in named.items() if value is not None} | dict(
         solution.extra
     )
-
-
-def _list(values: Matrix) -> list[Any]:
-    plain: list[Any] = np.asarray(values, dtype=float).tolist()
-    return plain
-
-
-def summary(design: Design) -> Tables:
-    """Return the design as one JSON object, SI units."""
-    controller, solution, task = design.controller, design.solution, design.task
-    if controller.output_gain is not None:
-        gain = [_list(controller.output_gain[:1])]
-        if np.any(controller.output_gain[1:]):
-            gain = [_list(controller.output_gain)]
-    elif controller.compensator is not None:
-        gain = _list(controller.compensator.c)
-    else:
-        gain = [_list(controller.feedback + controller.feedforward)]
-    given = {name: _list(matrix) for name, matrix in solution.given.items()}
-    return {
-        "law": design.law,
-        "vehicle": task.vehicle.name,
-        "delay_s": task.delay.nominal,
-        "tick_s": task.tick,
-        **({"matrices": given} if given else {"gain": gain}),
-        "gamma": solution.gamma,
-        "gamma_bound": solution.gamma_bound,
-        "gamma_channel": solution.gamma_channel or None,
-        "max_delay_s": _finite(design.max_delay),
-        "rightmost_root": solution.rightmost_root,
-        "margins": {name: _finite(value) for name, value in design.margins.items()}
-        | {name: _finite(value) for name, value in solution.extra.items()},
-        "verified": {
-            name: c._asdict() | {"value": _finite(c.value), "limit": _finite(c.limit)}
-            for name, c in design.verified.items()
-        },
-        "solve_s": solution.solve_seconds,
-        "warnings": list(design.warnings),
-    }
-
-
-def _finite(value: float) -> float | None:
-    """JSON has no infinity: null stands for it."""
-    return float(value) if np.isfinite(value) else None
-
-
-def title(design: Design) -> list[str]:
-    """Return the lines at the top of the header."""
-    task = design.task
-    verdict = "every check of the design passes"
-    if not design.is_verified:
-        failing = f"fails {', '.join(sorted(design.failures))}"
-        verdict = f"NOT VERIFIED: {failing if design.failures else 'gains as printed'}"
-    admitted = f"{1e3 * design.max_delay:.4g}" if isfinite(design.max_delay) else "any number of"
-    return [
-        f"canroll gains: {design.law} for {task.vehicle.name} ({task.actuator}), {task.gains}",
-        f"tick {1e3 * task.tick:g} ms, designed for {1e3 * task.delay.nominal:g} ms from sample "
-        f"to force, stable up to {admitted} ms",
-        verdict,
-    ]

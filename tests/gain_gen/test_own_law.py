@@ -9,7 +9,8 @@ import pytest
 import vehicles
 from canroll.errors import CanrollError, VerdictError
 from gain_gen.calibration import calibration_file
-from gain_gen.calibration.freeze import calibrate, summary
+from gain_gen.calibration.freeze import calibrate
+from gain_gen.calibration.summary import summary
 from gain_gen.design import design
 from gain_gen.laws import LAWS, declared
 from gain_gen.models.task import Delay, Task

@@ -25,11 +25,12 @@ from firmware.check import check
 from firmware.subset import fields
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.dequantise import dequantise, physical_notes
-from gain_gen.calibration.freeze import calibrate, summary, title
+from gain_gen.calibration.freeze import calibrate
 from gain_gen.calibration.options import QuantiseOptions
 from gain_gen.calibration.record import fill, flatten, identify, packed
 from gain_gen.calibration.rounding_error import integer_loop, manoeuvre_error, measured
 from gain_gen.calibration.rows import quantise, quantise_row
+from gain_gen.calibration.summary import summary, title
 from gain_gen.calibration.vehicle_part import damper_knee, moment_limit
 from gain_gen.design import design
 from gain_gen.laws import LAWS
@@ -436,7 +437,7 @@ def test_summary_is_plain_json(lqr):
 def test_a_level_names_its_channel_and_no_column_compares_levels(monkeypatch, capsys):
     """The level of the one is in weighted degrees, that of the other in rad per SI disturbance."""
     laws = ("hinf", "rate_feedforward", "plain_feedforward")
-    monkeypatch.setattr("canroll.cli.design.LAWS", laws)
+    monkeypatch.setattr("canroll.cli.design_comparison.LAWS", laws)
     arguments = ["design", "--compare", "--vehicle", "van_2021", "--delay", "100"]
     assert main([*arguments, "--json"]) == 0
     hinf, rate, plain = json.loads(capsys.readouterr().out)

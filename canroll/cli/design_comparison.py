@@ -1,0 +1,132 @@
+"""``canroll design --compare``: every law for one task, designed or driven over the bus."""
+
+import argparse
+import json
+from dataclasses import replace
+from math import isfinite
+from typing import Any
+
+from canroll.cli import terminal
+from canroll.cli.cases import driven
+from canroll.cli.design import design_task
+from canroll.cli.options import DEFAULT_SCENARIO, choices_of
+from canroll.errors import CanrollError
+from canroll.report.page import PageTable
+from canroll.setup.choices import chosen
+from canroll.studies import equal_effort, variation
+from gain_gen.analysis.speed_schedule import with_speed_rate
+from gain_gen.calibration.summary import summary
+from gain_gen.design import design
+from gain_gen.laws import LAWS
+from gain_gen.models.task import Design, Task
+
+LARGEST_EFFORT = 20_000.0
+"""N·m; no actuator's message carries more."""
+
+
+def compare(args: argparse.Namespace) -> int:
+    """Design every law for one task and print one line or object each."""
+    if args.runs is not None:
+        return drive_all(args)
+    task = design_task(args)
+    answers = _designed(task)
+    fitted = task.vehicle.fit is not None
+    known = _designed(replace(task, vehicle=replace(task.vehicle, fit=None))) if fitted else {}
+    if args.json:
+        data = [_compared(law, answer) for law, answer in answers.items()]
+        for entry in data if fitted else ():
+            law = entry["law"]
+            entry["if_known"] = _compared(law, known[law])
+        print(json.dumps(data))
+        return 0
+    print(
+        f"{task.vehicle.name}, {task.actuator}, tick {1e3 * task.tick:g} ms, delay "
+        f"{1e3 * task.delay.least:.4g} to {1e3 * task.delay.most:.4g} ms from sample to force"
+    )
+    head = ("law", "roll RMS", "±20 %", "delay (ms)", "gain (dB)", "Ms")
+    rows = []
+    for law, answer in answers.items():
+        if isinstance(answer, Design):
+            rows.append(_row(law, answer))
+        if_known = known.get(law)
+        if isinstance(if_known, Design):
+            rows.append(_row(f"{law}, car known", if_known))
+    terminal.show_table(PageTable("Designs", head, rows))
+    for law, answer in answers.items():
+        if isinstance(answer, CanrollError):
+            print(f"{law} refused: {answer}")
+    return 0
+
+
+def _designed(task: Task) -> dict[str, Design | CanrollError]:
+    """Return every law's design for a task, or why there is none."""
+    answers: dict[str, Design | CanrollError] = {}
+    for law in LAWS:
+        if law == "custom":
+            continue
+        try:
+            answers[law] = design(law, task)
+        except CanrollError as refused:
+            answers[law] = refused
+    return answers
+
+
+def _compared(law: str, answer: Design | CanrollError) -> dict[str, Any]:
+    if isinstance(answer, Design):
+        return summary(with_speed_rate(answer))
+    return {"law": law, "refused": str(answer)}
+
+
+def _row(name: str, answer: Design) -> tuple[str, ...]:
+    """Return one row of the comparison."""
+
+    def number(name: str, digits: int) -> str:
+        value = answer.margins.get(name, float("inf"))
+        return f"{value:.{digits}f}" if isfinite(value) else "any"
+
+    def worst(name: str, digits: int) -> str:
+        check = answer.verified.get(name)
+        if check is None:
+            return ""
+        return f"{check.value:.{digits}f}" if isfinite(check.value) else "any"
+
+    delay = f"{1e3 * answer.max_delay:.0f}" if isfinite(answer.max_delay) else "any"
+    return (
+        name,
+        number("roll_rms_ratio_nominal_delay", 3),
+        number("box_roll_rms_ratio", 3),
+        delay,
+        worst("gain_margin_db", 1),
+        worst("peak_sensitivity", 2),
+    )
+
+
+def drive_all(args: argparse.Namespace) -> int:
+    """Drive every law over the simulated bus at equal effort and print the table."""
+    choices = choices_of(args)
+    scenario = args.scenario or DEFAULT_SCENARIO
+    if args.effort is not None and not 1.0 <= args.effort <= LARGEST_EFFORT:
+        raise CanrollError(
+            f"--effort {args.effort:g}: must be 1 to {LARGEST_EFFORT:g} N·m of RMS moment"
+        )
+    with driven(args, args.out) as cases:
+        comparison = equal_effort.compare(
+            scenario,
+            vehicle=chosen(choices, "vehicle"),
+            bus=chosen(choices, "bus"),
+            runs=args.runs,
+            effort=args.effort or equal_effort.half_upright(scenario, **choices),
+            spread=variation.spread_from(dict(args.spread)),
+            conditions={k: v for k, v in choices.items() if k not in ("vehicle", "bus")},
+            cases=cases,
+        )
+    if args.json:
+        print(json.dumps(equal_effort.to_json(comparison)))
+    else:
+        print(
+            f"{comparison.scenario}, {comparison.vehicle}, {chosen(choices, 'actuator')}, plant "
+            f"{chosen(choices, 'plant')}, bus {comparison.bus}, {comparison.runs} vehicles, "
+            f"RMS moment {comparison.budget:.0f} N·m for all, reference {comparison.reference}"
+        )
+        print("\n".join(equal_effort.table(comparison)))
+    return 0
