@@ -37,6 +37,7 @@ def build(*arguments):
     return done.returncode, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_readme_shows_what_its_commands_print(one_server):
     code, text = build("--check", "--quick", ROOT / "README.md")
     assert code == 0, text

@@ -61,7 +61,7 @@ ARGUMENTS = {
     "timing": ["--duration", "0.1"],
     "hil": ["double_lane_change", "--duration", "1", "--pace", "lockstep"],
 }
-SLOW = ("campaign", "severe", "limit", "timing", "hil")
+SLOW = ("campaign", "severe", "limit", "timing", "hil", "prove")
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,10 @@ def name_of(form):
     return f"{form.name}{'-mended' if form.mend else ''}"
 
 
-@pytest.mark.parametrize("form", formats.FORMATS, ids=name_of)
+EACH = [pytest.param(f, marks=pytest.mark.slow) if f.costly else f for f in formats.FORMATS]
+
+
+@pytest.mark.parametrize("form", EACH, ids=name_of)
 def test_a_damaged_file_is_read_or_refused(form, good, tmp_path):
     if remedy := formats.lacking(form):
         pytest.skip(remedy)

@@ -11,8 +11,17 @@ from plant_sim.driving import MANEUVERS
 NEEDS = {"lqr_full_car": {"vehicle": "car_2020", "actuator": "valves"}}
 
 
+SLOW = pytest.mark.slow
+BUS = "500k"
+OTHERS = [bus for bus in BUSES if bus != BUS]
+QUICK = ("steering_lead", "lqr", "hinf_delay", "hinf_event", "lqr_full_car", "custom")
+"""A law of each kind."""
+
+
 class TestLaws(testing.LawConformance):
-    @pytest.fixture(autouse=True, params=list(LAWS))
+    @pytest.fixture(
+        autouse=True, params=[n if n in QUICK else pytest.param(n, marks=SLOW) for n in LAWS]
+    )
     def each(self, request, tmp_path):
         self.law = request.param
         for name, value in NEEDS.get(self.law, {}).items():
@@ -49,6 +58,6 @@ class TestManoeuvres(testing.ManoeuvreConformance):
 
 
 class TestBuses(testing.BusConformance):
-    @pytest.fixture(autouse=True, params=list(BUSES))
+    @pytest.fixture(autouse=True, params=[BUS, *(pytest.param(b, marks=SLOW) for b in OTHERS)])
     def each(self, request):
         self.bus = request.param

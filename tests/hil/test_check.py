@@ -226,6 +226,7 @@ def test_a_measuring_process_that_dies_is_told():
         child.receive(60)
 
 
+@pytest.mark.slow
 def test_the_whole_check(capsys):
     code = main(["hil", "--check", "--duration", "1", "--tick", "20", "--json"])
     answer = json.loads(capsys.readouterr().out)

@@ -148,6 +148,7 @@ def test_an_unfinished_campaign_is_resumed_and_never_overwritten(alone, tmp_path
     assert (tmp_path / name).read_bytes() == (alone / name).read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changed", ["own.dbc", "own.toml", "progressive.py"])
 def test_another_file_of_the_same_name_is_another_campaign(tmp_path, changed):
     """What a draw reads besides its choices: resumed with it changed, the table would be mixed."""

@@ -15,6 +15,8 @@ from canroll.runs import experiment
 from canroll.runs.trace import TICK
 from plant_sim.can_bus.kernel.layout import DELIVERED
 
+pytestmark = pytest.mark.slow
+
 PHONE = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
 DEGREES = float(np.degrees(1))
 

@@ -35,7 +35,11 @@ def built_in():
     return experiment.run("double_lane_change", **SHORT)
 
 
-@pytest.fixture(scope="module", params=[CLASSIC, None, FD], ids=["classic", "as_fd", "fd"])
+@pytest.fixture(
+    scope="module",
+    params=[CLASSIC, pytest.param(None, marks=pytest.mark.slow), FD],
+    ids=["classic", "as_fd", "fd"],
+)
 def own(request, tmp_path_factory):
     """Return files and result of a run on a user's frames."""
     files = request.param or as_fd(tmp_path_factory.mktemp("as_fd"))
@@ -215,6 +219,7 @@ def test_a_fault_that_no_signal_can_say_is_refused():
         )
 
 
+@pytest.mark.slow
 def test_a_contradicted_signal_is_a_fault_code(tmp_path):
     # the plant takes the second signal as a repetition, the ECU as its complement
     text = CLASSIC[1].read_text(encoding="utf-8")

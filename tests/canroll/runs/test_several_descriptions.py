@@ -35,6 +35,7 @@ def both(files):
     return experiment.run("double_lane_change", **SHORT, **chosen(files))
 
 
+@pytest.mark.slow
 def test_a_run_on_two_files_is_that_on_one(both):
     one = experiment.run("double_lane_change", **SHORT, **chosen([split_bus.OWN]))
     assert one.settings.dbc == str(split_bus.OWN)

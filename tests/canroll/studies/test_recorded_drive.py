@@ -26,7 +26,12 @@ SILENT = 2.0
     params=[
         lambda _: {},
         lambda _: {"dbc": str(FOREIGN / "own.dbc"), "map": str(FOREIGN / "own.toml")},
-        lambda folder: dict(zip(("dbc", "map"), map(str, rough_bus.write(folder)), strict=True)),
+        pytest.param(
+            lambda folder: dict(
+                zip(("dbc", "map"), map(str, rough_bus.write(folder)), strict=True)
+            ),
+            marks=pytest.mark.slow,
+        ),
     ],
     ids=["own frames", "foreign DBC", "defective DBC"],
 )

@@ -49,6 +49,7 @@ def test_words_of_the_standard(overall, word):
     assert Rating(overall, 1.0, 1.0, 1.0, 1.0).grade == word
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_every_part_is_that_of_the_package_of_tu_graz(seed):
     package = pytest.importorskip("objective_rating_metrics.rating")

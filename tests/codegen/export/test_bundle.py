@@ -101,6 +101,7 @@ def test_it_is_built_with_the_flags_that_the_figures_are_of(folder, name):
     assert " ".join(cortex.OPTIMISATION) in (folder / name).read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not cortex.has_gcc_and_qemu(), reason="needs arm-none-eabi-gcc and QEMU")
 def test_the_same_vectors_pass_on_a_bare_cortex_m(folder):
     result = make(folder, "run", "example.elf")
@@ -272,6 +273,7 @@ def test_the_image_has_the_name_that_the_a2l_asks_for(folder):
     assert f'EPK "{epk}"' in (folder / "canroll.a2l").read_text()
 
 
+@pytest.mark.slow
 def test_a_users_own_bus_without_e2e(tmp_path):
     (tmp_path / "own.dbc").write_text(DBC)
     (tmp_path / "own.toml").write_text(MAP)
@@ -308,6 +310,7 @@ int main(void)
 """
 
 
+@pytest.mark.slow
 def test_receive_reads_no_more_than_the_frame_has(tmp_path):
     (tmp_path / "own.dbc").write_text(DBC)
     (tmp_path / "own.toml").write_text(MAP)
@@ -348,6 +351,7 @@ def test_its_codec_is_what_cantools_says(folder):
     assert result.stdout.count("PASS") == 17
 
 
+@pytest.mark.slow
 def test_another_codec_is_noticed(folder, tmp_path):
     shutil.copytree(folder, tmp_path / "changed")
     source = tmp_path / "changed" / "src" / "canroll_signals.c"

@@ -15,7 +15,10 @@ from codegen.run import cortex, ecu_traffic, memory_image, native
 from codegen.run.bus_firmware import of_bus
 from firmware.calibration import Calibration
 
-pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler"),
+]
 STRICT = "-std=c99 -O1 -Wall -Wextra -Wconversion -Wsign-conversion -Wshadow -Wpedantic -Werror"
 SANITIZED = "-std=c99 -O1 -g -fsanitize=undefined,address -fno-sanitize-recover=all"
 DBC = """VERSION ""

@@ -178,6 +178,7 @@ def test_native_is_python(firmware, law):
         assert found == expected, memory_image.differences(firmware.record, expected, found)
 
 
+@pytest.mark.slow
 @needs_cc
 @pytest.mark.skipif(not cortex.has_pip_tools(), reason="needs canroll[target]")
 def test_cortex_m4_is_native(firmware):
@@ -188,6 +189,7 @@ def test_cortex_m4_is_native(firmware):
     assert run.frames.tobytes() == expected.frames.tobytes()
 
 
+@pytest.mark.slow
 @needs_cc
 @pytest.mark.skipif(not cortex.has_gcc_and_qemu(), reason="needs arm-none-eabi-gcc and QEMU")
 def test_qemu_is_native(firmware):
@@ -237,6 +239,7 @@ def test_loops_in_each_other_may_have_4096_rounds():
     assert "canroll_stage.c" in staged(HEAD + ESTIMATE + nested(64, 64)).files
 
 
+@pytest.mark.slow
 def test_a_stage_runs_on_a_bus_of_its_own():
     folder = EXAMPLE.parents[1] / "own_bus"
     own = bus_firmware.of_bus(folder / "own.dbc", folder / "own.toml")

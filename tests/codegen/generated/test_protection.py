@@ -474,7 +474,17 @@ needs_cc = pytest.mark.skipif(native.compiler() is None, reason="needs a C compi
 
 
 @needs_cc
-@pytest.mark.parametrize("name", ["1", "2", "5 elsewhere", "own crc", "a counter across bytes"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "1",
+        "own crc",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("2", "5 elsewhere", "a counter across bytes")
+        ),
+    ],
+)
 def test_c_sends_the_frames_of_the_whole_loop(tmp_path, name):
     """A protection of each kind through the compiled loop, one frame after the other."""
     table = MAP.replace('signals.Mode = "mode"\n', PROTECTED_STATE + TABLES[name])

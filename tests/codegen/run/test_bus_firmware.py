@@ -93,6 +93,7 @@ def test_native_is_python(seed):
         assert found == expected, memory_image.differences(FIRMWARE.record, expected, found)
 
 
+@pytest.mark.slow
 @needs_cc
 @pytest.mark.skipif(not cortex.has_pip_tools(), reason="needs canroll[target]")
 def test_cortex_m4_is_native():
@@ -106,6 +107,7 @@ def test_cortex_m4_is_native():
     assert run.frames.tobytes() == expected.frames.tobytes()
 
 
+@pytest.mark.slow
 @needs_cc
 @pytest.mark.skipif(not cortex.has_gcc_and_qemu(), reason="needs arm-none-eabi-gcc and QEMU")
 def test_qemu_is_native():

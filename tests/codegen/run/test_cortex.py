@@ -11,6 +11,7 @@ from firmware.com.signals import RX_IDS
 from firmware.state import ACTIVE, DEGRADED, Ecu
 from tools.differential import recorded_traffic
 
+CPUS = [c if c == "cortex-m4" else pytest.param(c, marks=pytest.mark.slow) for c in cortex.CPUS]
 pytestmark = [
     pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler"),
     pytest.mark.skipif(not cortex.has_pip_tools(), reason="needs canroll[target]"),
@@ -36,7 +37,7 @@ def compare(run, expected):
     assert 0 < run.stack < 1024
 
 
-@pytest.mark.parametrize("cpu", cortex.CPUS)
+@pytest.mark.parametrize("cpu", CPUS)
 def test_unicorn_is_native(cpu):
     for seed in (3, 9):
         calibration, traffic = (
@@ -47,7 +48,7 @@ def test_unicorn_is_native(cpu):
 
 
 @needs_qemu
-@pytest.mark.parametrize("cpu", cortex.CPUS)
+@pytest.mark.parametrize("cpu", CPUS)
 def test_qemu_is_native(cpu):
     for seed in (0, 4):
         calibration, traffic = (
@@ -88,7 +89,7 @@ def test_a_cortex_behind_the_interface_replays_what_was_recorded():
     assert memory_image.image(ecu.state) == recorder.image()
 
 
-@pytest.mark.parametrize("cpu", cortex.CPUS)
+@pytest.mark.parametrize("cpu", CPUS)
 def test_no_heap_no_float_no_memory_of_its_own(cpu):
     images = [cortex.zig_image(cpu)]
     if cortex.has_gcc_and_qemu():

@@ -17,6 +17,8 @@ from dbc.keys import DEVELOPMENT_KEY
 from tools.differential import recorded_traffic
 from tools.differential.recorded_traffic import Case
 
+pytestmark = pytest.mark.slow
+
 FIRMWARE = of_bus(SECURED_PATH, SECURED_MAP)
 FULL = 72
 """Frames that the bus carries in a tick."""

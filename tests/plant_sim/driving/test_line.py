@@ -39,6 +39,7 @@ def test_the_outline_on_the_line_hits_no_cone(maneuver, name, curvature):
     assert standards.cones(vehicle, moved, lanes, "").passed
 
 
+@pytest.mark.slow
 def test_no_other_line_has_less_curvature():
     x, y = clear(LANES, np.inf)
     step = 0.25

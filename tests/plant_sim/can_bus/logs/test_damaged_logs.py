@@ -33,7 +33,10 @@ def messages():
         )
 
 
-@pytest.fixture(scope="module", params=LOGS)
+EACH = [pytest.param(s, marks=pytest.mark.slow) if s == COSTLY else s for s in LOGS]
+
+
+@pytest.fixture(scope="module", params=EACH)
 def good(request, tmp_path_factory):
     path = tmp_path_factory.mktemp("logs") / f"log{request.param}"
     if request.param == COSTLY:
