@@ -56,6 +56,7 @@ def test_every_kind_of_example_is_there():
     }
 
 
+@pytest.mark.slow
 def test_own_gains_help(folder):
     assert result_in(folder / "own")["law"] == "custom"
     assert result_in(folder / "own")["helps"]

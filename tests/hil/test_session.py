@@ -88,6 +88,7 @@ def test_lock_step_with_options_is_virtual_time(tmp_path, capsys, options):
             assert ours[name].tobytes() == theirs[name].tobytes(), name
 
 
+@pytest.mark.slow
 def test_a_run_in_real_time_says_what_it_was(tmp_path, capsys):
     """Whatever the machine was doing: a verdict and 0, or the reasons why there is none and 1."""
     out = tmp_path / "out"
@@ -116,6 +117,7 @@ def test_a_run_in_real_time_says_what_it_was(tmp_path, capsys):
     assert main(["ecu", "--replay", str(out / "ticks.npz"), "--backend", "python"]) == 0
 
 
+@pytest.mark.slow
 def test_where_to_watch_a_run_is_said(tmp_path, capsys):
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]

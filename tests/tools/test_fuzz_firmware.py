@@ -22,7 +22,10 @@ def sanitizers():
     return subprocess.run(command, input=source, capture_output=True, check=False).returncode == 0
 
 
-pytestmark = pytest.mark.skipif(not sanitizers(), reason="needs gcc: apt-get install gcc libc6-dev")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not sanitizers(), reason="needs gcc: apt-get install gcc libc6-dev"),
+]
 
 
 @pytest.fixture(scope="module")

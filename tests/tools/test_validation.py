@@ -18,6 +18,7 @@ from tools.validation import multi_body
 from vehicles.suspensions.tables import section
 
 SLOW = pytest.mark.slow
+pytestmark = SLOW
 TYRE = Path(__file__).parents[1] / "vehicles" / "tyres" / "passenger_52.tir"
 
 

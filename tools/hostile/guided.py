@@ -224,7 +224,7 @@ def main() -> int:
     )
     options = parser.parse_args()
     if find_spec("atheris") is None:
-        print("guided: needs atheris: pip install 'canroll[dev]'", file=sys.stderr)
+        print("guided: needs atheris: pip install 'canroll[judges]'", file=sys.stderr)
         return 2
     formats = [form for form in FORMATS if options.only in form.name]
     totals: Counter[str] = Counter()

@@ -17,6 +17,8 @@ from plant_sim.can_bus import BusFault, NetworkSpec, Node, Segment
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, FD, FD_LENGTHS
 from plant_sim.can_bus.wire.frame import EXTENDED as EXTENDED_FLAG
 
+pytestmark = pytest.mark.slow
+
 frames_of = importer().frames_of
 CONFIRM, BUS_ERROR = 0x20, 0x31
 NODES = ("A", "B", "C", "D")

@@ -60,6 +60,7 @@ def inside(colour):
     return hits
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("colour", [0.0, 0.8])
 def test_intervals_hold_the_truth_as_often_as_they_say(colour):
     hits = inside(colour)

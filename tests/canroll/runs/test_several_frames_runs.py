@@ -162,6 +162,7 @@ def test_the_steering_angle_is_needed_by_what_reads_it_alone(tmp_path):
         experiment.run("double_lane_change", **SHORT, **places, observer="steering")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gone", [MOMENTS, 'signals.FRONT = "delivered[0]"'])
 def test_without_delivered_moments_the_commanded_ones_count(tmp_path, gone):
     assert gone in MAP

@@ -202,6 +202,7 @@ def test_figures_are_metrics():
     assert set(FIGURES[:-1]) <= set(Metrics.__annotations__)
 
 
+@pytest.mark.slow
 def test_laws_stand_above_the_bound_of_every_vehicle():
     entries = (
         EffortEntry("passive", "", {"law": "passive"}, scaled=False),

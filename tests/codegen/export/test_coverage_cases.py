@@ -68,6 +68,7 @@ def test_every_statement_and_branch_is_reached_or_listed(tmp_path):
     assert all(coverage_cases.UNREACHED.values())
 
 
+@pytest.mark.slow
 def test_the_runner_finds_another_state(tmp_path):
     program = built(tmp_path, flags=["-O0"])
     assert subprocess.run([program], capture_output=True, check=False).returncode == 0
@@ -86,6 +87,7 @@ def test_the_runner_finds_another_state(tmp_path):
     assert done.returncode == 1 and done.stdout.startswith("FAIL: ")
 
 
+@pytest.mark.slow
 def test_no_case_does_what_c_leaves_undefined(tmp_path):
     flags = ["-O1", "-fsanitize=undefined,address", "-fno-sanitize-recover=all"]
     program = built(tmp_path, flags=flags)

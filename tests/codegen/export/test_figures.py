@@ -42,6 +42,7 @@ def test_figures_are_those_of_the_code(services):
     )
 
 
+@pytest.mark.slow
 @needs_gcc
 def test_specialised_code_has_its_own():
     pytest.importorskip("capstone", reason="needs canroll[target]")
@@ -51,6 +52,7 @@ def test_specialised_code_has_its_own():
     assert found < general
 
 
+@pytest.mark.slow
 @needs_gcc
 def test_authentication_is_counted():
     pytest.importorskip("capstone", reason="needs canroll[target]")

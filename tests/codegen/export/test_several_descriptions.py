@@ -50,6 +50,7 @@ def texts(folder):
     }
 
 
+@pytest.mark.slow
 def test_its_sources_and_vectors_are_those_of_one_file(folders):
     both, one, _ = folders
     found, expected = texts(both), texts(one)

@@ -26,6 +26,7 @@ def loop(tmp_path_factory):
     return folder, misra.cppcheck(folder, folder)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cppcheck") is None, reason="needs cppcheck")
 def test_cppcheck_and_misra_find_only_what_is_documented(loop):
     _, found = loop

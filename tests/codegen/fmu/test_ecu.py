@@ -13,6 +13,8 @@ from codegen.run import ecu_traffic, native
 from codegen.run.bus_firmware import built_in
 from firmware.subset import fields
 
+pytestmark = pytest.mark.slow
+
 TICK, RUN_TIME = 10_000_000, 200_000
 
 

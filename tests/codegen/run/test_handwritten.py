@@ -16,7 +16,10 @@ from firmware.calibration import Calibration
 from firmware.state import ACTIVE, DEGRADED, INIT, SAFE
 from tools.differential import recorded_traffic
 
-pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler"),
+]
 needs_qemu = pytest.mark.skipif(
     not cortex.has_gcc_and_qemu() or not cortex.has_pip_tools(),
     reason="needs arm-none-eabi-gcc, qemu-system-arm and canroll[target]",

@@ -144,6 +144,7 @@ def calibration():
     return ecu_traffic.random_calibration(6)
 
 
+@pytest.mark.slow
 def test_it_is_proved_like_the_general_program(special):
     assert prove(special.program()).findings == ()
 

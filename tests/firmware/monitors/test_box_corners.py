@@ -26,6 +26,8 @@ from gain_gen.monitors.uncertainty import DEFAULT as BOX
 from vehicles import GRAVITY, Vehicle, load
 from vehicles.roll_stiffness import suspension_roll_stiffness
 
+pytestmark = pytest.mark.slow
+
 STEP, SPEED = 0.01, 22.0
 TIMES = np.arange(0.0, 9.0, STEP)
 MOST = 0.9

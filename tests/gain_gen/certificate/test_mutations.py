@@ -251,6 +251,7 @@ def true(c, content, claim):
     )
 
 
+@pytest.mark.slow
 def test_what_passes_after_a_change_is_true(small, integers):
     assert refusal(small, integers) == ""
     assert all(true(integers, small, claim) for claim in small["conditions"][0]["claims"])

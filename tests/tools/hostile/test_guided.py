@@ -12,7 +12,9 @@ import pytest
 from tools.hostile import files, formats, guided
 
 if find_spec("atheris") is None:
-    pytest.skip("needs atheris: pip install 'canroll[dev]'", allow_module_level=True)
+    pytest.skip("needs atheris: pip install 'canroll[judges]'", allow_module_level=True)
+
+pytestmark = pytest.mark.slow
 
 INPUTS = 200
 

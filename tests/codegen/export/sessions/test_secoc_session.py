@@ -49,6 +49,7 @@ def run(folder, *goals):
     )
 
 
+@pytest.mark.slow
 @needs_cc
 def test_it_tests_itself_and_a_wrong_table_fails(folder):
     ran = run(folder, "build/secoc")
