@@ -23,10 +23,10 @@ class Forked(subprocess.Popen):  # type: ignore[type-arg]
 
     def _execute_child(self, args: Any, *rest: Any) -> None:
         words = [os.fspath(word) for word in args] if isinstance(args, list | tuple) else []
-        if words[: len(PROGRAM)] != PROGRAM:
+        cwd, env = rest[4:6]
+        if words[: len(PROGRAM)] != PROGRAM or _interpreter(env) != _interpreter(None):
             super()._execute_child(args, *rest)  # type: ignore[misc]
             return
-        cwd, env = rest[4:6]
         pipes, new_session = rest[9:15], rest[20]
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
@@ -35,6 +35,12 @@ class Forked(subprocess.Popen):  # type: ignore[type-arg]
             _become(words, cwd, env, (pipes[0], pipes[3], pipes[5]), new_session=new_session)
         self._child_created = True
         self._close_pipe_fds(*pipes)  # type: ignore[attr-defined]
+
+
+def _interpreter(env: Mapping[str, str] | None) -> set[tuple[str, str]]:
+    """Variables that only a start of Python reads."""
+    given = os.environ if env is None else env
+    return {(name, value) for name, value in given.items() if name.startswith("PYTHON")}
 
 
 def _become(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from codegen.proof.prove import prove
-from codegen.run import cortex, ecu_traffic, native, secured
+from codegen.run import cortex, ecu_traffic, native, unicorn
 from codegen.run.backends import open_backend
 from codegen.run.bus_firmware import of_bus
 from codegen.specialise.firmware import specialised
@@ -85,7 +85,9 @@ def test_on_a_processor_its_ticks_are_shorter_and_the_authentication_costs_the_s
     frames = recording.traffic.frames
     short = ecu_traffic.EcuTraffic(frames[frames["tick"] < 60], recording.traffic.elapsed[:60])
     general, own = (
-        secured.replay(recording.calibration, short, "cortex-m4", firmware, key=DEVELOPMENT_KEY)
+        unicorn.replay_secured(
+            recording.calibration, short, "cortex-m4", firmware, key=DEVELOPMENT_KEY
+        )
         for firmware in (GENERAL, special)
     )
     assert own.states.tobytes() == general.states.tobytes()

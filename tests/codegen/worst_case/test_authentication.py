@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from codegen.run import cortex, ecu_traffic, qemu, secured
+from codegen.run import cortex, ecu_traffic, qemu, unicorn
 from codegen.run.backends import open_backend
 from codegen.run.bus_firmware import of_bus
 from codegen.run.native import compiler
@@ -102,7 +102,7 @@ def test_a_plain_bus_has_no_authentication_to_bound():
 def test_both_emulators_run_the_same_authenticated_session(recording, cpu):
     calibration, frames = recording.calibration, recording.traffic.frames
     traffic = ecu_traffic.EcuTraffic(frames[frames["tick"] < 60], recording.traffic.elapsed[:60])
-    here = secured.replay(calibration, traffic, cpu, FIRMWARE, key=DEVELOPMENT_KEY)
+    here = unicorn.replay_secured(calibration, traffic, cpu, FIRMWARE, key=DEVELOPMENT_KEY)
     ran = qemu.replay(calibration, traffic, cpu, firmware=FIRMWARE, key=DEVELOPMENT_KEY)
     assert ran.states.tobytes() == here.states.tobytes()
     assert ran.frames.tobytes() == here.frames.tobytes()
