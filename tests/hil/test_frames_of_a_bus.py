@@ -19,6 +19,8 @@ from hil.bus_link import EXTENDED, CanLink
 from hil.lockstep import ACKNOWLEDGEMENT, GRANT, GrantChannel, GrantedEcu, Grants
 from hil.process import Stop
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 600_000_000
 OWN = Path(__file__).parents[2] / "examples" / "own_bus"
 FD = {"bus": "fd_2m"}

@@ -10,7 +10,10 @@ from firmware.state import ACTIVE
 from tools.differential import __main__ as differential
 from tools.differential.recorded_traffic import CASES, record
 
-pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler"),
+]
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,8 @@ import pytest
 
 from tools.warm import served
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def shell(tmp_path_factory):

@@ -13,6 +13,8 @@ from canroll.errors import CanrollError
 from canroll.runs.experiment import drive, plan, world_options
 from plant_sim.nodes import authentication, codec_tables
 
+pytestmark = pytest.mark.slow
+
 LANE_CHANGE = "double_lane_change"
 SECURED = pytest.mark.parametrize("loop", ["secured_fd"], indirect=True)
 

@@ -39,6 +39,7 @@ def planned(vehicle, *stated, runs=400):
     ).plan()
 
 
+@pytest.mark.slow
 def test_cars_are_drawn_from_the_joint_spread_of_the_fit(vehicle):
     plan = planned(vehicle)
     assert set(plan.space.names) == {

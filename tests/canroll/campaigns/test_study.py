@@ -121,6 +121,7 @@ def test_processes_change_nothing(alone, tmp_path):
     assert len(list((tmp_path / "campaign").glob("*.parquet"))) == 20
 
 
+@pytest.mark.slow
 def test_shards_are_merged_to_the_same_table(alone, tmp_path, capsys):
     shards = [tmp_path / "one", tmp_path / "two"]
     for number, folder in enumerate(shards, 1):
@@ -183,6 +184,7 @@ def test_a_damaged_chunk_is_named(alone, tmp_path, capsys):
     assert error.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_it_stops_when_the_width_is_reached(tmp_path, capsys):
     options = ["campaign", *LIGHT, "--runs", "32", "--until", "0.4", "--out", str(tmp_path)]
     assert main([*options, "--json"]) == 0
@@ -196,6 +198,7 @@ def test_it_stops_when_the_width_is_reached(tmp_path, capsys):
     assert driven.summary.draws == data["runs"]
 
 
+@pytest.mark.slow
 def test_a_law_that_oscillates_fails_and_its_draw_can_be_seen_alone(tmp_path, capsys):
     options = ["campaign", "--law", "hinf_delay", "--gains", "theorem", "--unverified"]
     options += ["--jobs", "1", "--json"]

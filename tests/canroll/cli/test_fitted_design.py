@@ -8,6 +8,8 @@ import tomli_w
 import vehicles
 from canroll.cli.main import main
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def file(tmp_path):

@@ -46,6 +46,7 @@ def test_understeer_shows_both_vehicles(capsys):
     assert sum(last["moment"]) == pytest.approx(both["command_limit"], rel=0.01)
 
 
+@pytest.mark.slow
 def test_the_controlled_understeer_names_where_control_ends(capsys):
     full = ["--law", "steering_lead", "--moment-share", "1"]
     assert main(["understeer", "--plant", "roll1", *full]) == 0

@@ -125,6 +125,7 @@ def test_the_bundle_has_it_and_passes_its_vectors(calibration, tmp_path):
     assert "PASS" in done.stdout
 
 
+@pytest.mark.slow
 def test_two_processes_run_it_too(calibration, capsys):
     words = ("hil", "double_lane_change", "--pace", "lockstep", "--calibration", str(calibration))
     # the run replays what the ECU's process did, and fails where a frame differs
@@ -201,6 +202,7 @@ def test_a_scaled_field_is_not_compared_with_a_bare_number(condition, tmp_path, 
     assert any(f"'{number} << " in told for number in ("30", "-3", "LIMIT"))
 
 
+@pytest.mark.slow
 def test_a_number_in_the_format_of_the_field_is(tmp_path):
     conditions = ("ecu.speed > 30 << 20", "ecu.speed > 0", "ecu.mode == 2")
     conditions += ("ecu.speed > LIMIT << 20", "ecu.speed - (30 << 20) > 0")

@@ -18,6 +18,8 @@ from codegen.run.backends import open_backend
 from plant_sim import can_bus
 from plant_sim.can_bus import ACTUATOR, ECU
 
+pytestmark = pytest.mark.slow
+
 END = 2_500_000_000
 
 

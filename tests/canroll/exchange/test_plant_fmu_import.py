@@ -25,6 +25,8 @@ from canroll.report.run_page import run_page
 from canroll.runs.experiment import build_world, drive, plan, run
 from plant_sim.bodies import body, own_body
 
+pytestmark = pytest.mark.slow
+
 
 def children():
     """Process ids of this process's children."""

@@ -12,6 +12,8 @@ from canroll.exchange.ecu_on_bus import ecu_on_bus
 from codegen.run import memory_image
 from codegen.run.services import PAGE_ADDRESS
 
+pytestmark = pytest.mark.slow
+
 for name in ("asammdf", "pya2l.a2lparser", "pyxcp"):
     pytest.importorskip(name, reason=f"needs {name}")
 XcpResponseError = pytest.importorskip("pyxcp.types", reason="needs pyxcp").XcpResponseError

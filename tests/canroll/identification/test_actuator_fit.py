@@ -70,6 +70,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(colour):
     assert hits.max() <= most, hits
 
 
+@pytest.mark.slow
 def test_samples_rarer_than_the_lag_is_long_tell_lag_and_delay_as_a_pair():
     """Of a lag of 1 ms a sample every 10 ms shows one point of the rise at most."""
     missed = pairs = 0

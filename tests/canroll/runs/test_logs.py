@@ -76,6 +76,7 @@ def test_a_missing_asammdf_is_found_before_the_run(monkeypatch):
         check_suffix(Path("bus.mf4"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("suffix", "imported"), [("blf", False), ("mf4", True)])
 def test_asammdf_is_imported_for_an_mf4_alone(tmp_path, suffix, imported):
     pytest.importorskip("asammdf", reason="needs asammdf")

@@ -6,6 +6,8 @@ from canroll.runs.experiment import drive, plan
 from canroll.runs.limit_cycle import detect
 from canroll.runs.metrics import judge
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("law", ["lqr", "hinf", "smc", "lqg_delay", "steering_lead"])
 @pytest.mark.parametrize("bus", ["500k", "gateway_50ms"])

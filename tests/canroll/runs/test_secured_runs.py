@@ -39,6 +39,7 @@ def ours(trace):
             yield idents[int(entry["ident"])], entry
 
 
+@pytest.mark.slow
 def test_every_frame_is_authentic_by_another_implementation(run):
     last = {}
     for identity, entry in ours(run.controlled):

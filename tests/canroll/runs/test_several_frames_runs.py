@@ -154,6 +154,7 @@ def test_without_speed_the_law_commands_nothing_and_says_so(tmp_path):
         experiment.run("double_lane_change", **SHORT, **files(tmp_path, table))
 
 
+@pytest.mark.slow
 def test_the_steering_angle_is_needed_by_what_reads_it_alone(tmp_path):
     places = files(tmp_path, MAP.replace(STEERING, ""))
     result = experiment.run("double_lane_change", **SHORT, **places)

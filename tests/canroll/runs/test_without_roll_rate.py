@@ -83,6 +83,7 @@ def test_identification_needs_the_roll_rate():
         experiment.plan("double_lane_change", **LAW, identification=True)
 
 
+@pytest.mark.slow
 def test_a_map_without_the_roll_rate_takes_this_observer_alone(tmp_path):
     text = (OWN_BUS / "own.toml").read_text(encoding="utf-8")
     path = tmp_path / "map.toml"

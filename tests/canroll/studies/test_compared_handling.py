@@ -18,6 +18,8 @@ from gain_gen.models.state_space import StateSpace
 from plant_sim import bodies
 from plant_sim.world import handling
 
+pytestmark = pytest.mark.slow
+
 SPEED = 80 / 3.6
 """Of the nominal condition of the linear loop, m/s."""
 FREQUENCIES = np.array([0.5, 1.0, 1.6, 2.5])

@@ -104,6 +104,7 @@ def test_another_bus_and_options_of_a_bus_are_refused(recorded, tmp_path):
         ecu.run(parse([*line[:-1], "--json"]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("by_s", "remark"),
     [(259_200.0, "the times step forward by 3 d at frame"), (-1.5, "the times step back by 1.")],

@@ -29,6 +29,7 @@ def test_every_manoeuvre_exists_with_its_options():
         assert set(manoeuvre.options) <= set(maneuvers.options(manoeuvre.scenario))
 
 
+@pytest.mark.slow
 def test_what_is_driven_of_a_fitted_vehicle_is_said(found):
     assert found.note == ""
     assert "note" not in severe.to_json(found)

@@ -15,6 +15,8 @@ from codegen.export.header import gains_header
 from codegen.generated import signals
 from codegen.run import cortex, ecu_traffic, native
 
+pytestmark = pytest.mark.slow
+
 RECORD = ecu_traffic.random_calibration(7)
 needs_qemu = pytest.mark.skipif(
     not cortex.has_gcc_and_qemu(),

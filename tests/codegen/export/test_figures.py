@@ -22,6 +22,7 @@ def rows(text):
     return {row[0]: int(row[1]) for row in cells if len(row) == 2 and row[1].isdigit()}
 
 
+@pytest.mark.slow
 @needs_gcc
 @pytest.mark.parametrize("services", [(), ("xcp", "uds", "nvm", "nvm_uds")])
 def test_figures_are_those_of_the_code(services):

@@ -73,6 +73,7 @@ def test_it_has_all_files(folders):
     assert about["databases"] == ["car.dbc", "actuators.dbc"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 def test_its_codec_agrees_with_cantools(folders):
     both, _, _ = folders

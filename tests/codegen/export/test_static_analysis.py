@@ -66,6 +66,7 @@ def test_cppcheck_does_find_faults(tmp_path):
     assert {"15.1", "arrayIndexOutOfBounds"} <= set(misra.cppcheck(tmp_path, tmp_path))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 @pytest.mark.parametrize("seed", [3, pytest.param(9, marks=pytest.mark.slow)])
 def test_sanitizers_have_nothing_to_say(tmp_path, seed):

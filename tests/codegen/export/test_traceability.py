@@ -25,6 +25,7 @@ def found():
     return traceability.rows(SERVED.program(), SERVED.files)
 
 
+@pytest.mark.slow
 def test_every_requirement_has_functions_and_tests_that_exist(found):
     defined = {}
     for its in requirements():
@@ -110,6 +111,7 @@ protection.checksum = { signal = "Checksum", function = "own.py:inverted" }
 """
 
 
+@pytest.mark.slow
 def test_an_own_checksum_stands_for_itself(tmp_path):
     (tmp_path / "own.py").write_text(CHECKSUM)
     table = signals.MAP.read_text(encoding="utf-8").replace('message = "Imu"\n', OWN)

@@ -13,6 +13,8 @@ from codegen.run.backends import NativeEcu
 from codegen.run.bus_firmware import built_in
 from codegen.run.memory_image import sealed
 
+pytestmark = pytest.mark.slow
+
 TICK = 10_000_000
 SIZES = {
     "Imu": {"RollRate": 0.5, "LateralAcceleration": 5.0, "YawRate": 0.4},

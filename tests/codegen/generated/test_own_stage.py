@@ -211,6 +211,7 @@ def test_what_a_stage_gives_is_limited_as_what_a_law_gives():
     assert max(rises) == limits["slew_max"]
 
 
+@pytest.mark.slow
 def test_a_law_with_two_outputs_has_two_calls():
     text = OWN + '    calls: Annotated[list[i32], 2, F(0, 100, 0, "", "calls")]\n\n\n'
     text += MOMENT.replace("ecu: Ecu", "ecu: Own") + '    """Count."""\n'
@@ -235,6 +236,7 @@ def test_an_estimator_corrects_what_the_law_reads():
     assert len(seen) > 1
 
 
+@pytest.mark.slow
 def test_loops_in_each_other_may_have_4096_rounds():
     assert "canroll_stage.c" in staged(HEAD + ESTIMATE + nested(64, 64)).files
 

@@ -25,6 +25,7 @@ def test_it_is_proved():
     assert prove(load("secoc")).findings == ()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not cortex.has_pip_tools(), reason="needs canroll[target]")
 @pytest.mark.parametrize("cpu", BUDGET)
 def test_it_gives_the_same_frames_within_its_budget(cpu):

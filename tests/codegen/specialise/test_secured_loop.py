@@ -14,7 +14,10 @@ from firmware.state import ACTIVE
 from tools.differential import recorded_traffic
 from tools.differential.recorded_traffic import Case
 
-pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler"),
+]
 GENERAL = of_bus(SECURED_PATH, SECURED_MAP)
 
 

@@ -140,6 +140,7 @@ def test_snapshots_outlive_it_and_are_not_of_this_cycle(cal):
     assert other.kept[code] == server.kept[code]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(native.compiler() is None, reason="needs cc (package gcc)")
 def test_c_saves_and_restores_the_same(cal):
     before, server, kept = driven(cal)

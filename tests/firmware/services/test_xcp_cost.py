@@ -6,9 +6,12 @@ from support.xcp_machine import VALUES, Machine
 from codegen.run import cortex
 from firmware.services import xcp
 
-pytestmark = pytest.mark.skipif(
-    not cortex.has_pip_tools(), reason="needs ziglang and unicorn (canroll[target])"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        not cortex.has_pip_tools(), reason="needs ziglang and unicorn (canroll[target])"
+    ),
+]
 
 
 def test_twenty_values_take_at_most_1500_instructions_a_tick():

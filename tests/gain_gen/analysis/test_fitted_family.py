@@ -17,6 +17,8 @@ from gain_gen.models.controller import scaled_controller
 from gain_gen.models.task import Delay, Task
 from vehicles.draws.fitted_cars import DRAWS, SEED
 
+pytestmark = pytest.mark.slow
+
 STIFFNESS, DAMPING, RHO = 0.10, 0.15, -0.6
 DELAY = Delay(0.02, 0.01, 0.03)
 

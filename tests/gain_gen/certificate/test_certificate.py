@@ -170,6 +170,7 @@ def test_the_integer_code_stays_within_the_proved_bounds(proved):
     assert math.degrees(roll) < 0.05
 
 
+@pytest.mark.slow
 def test_withheld_commands_stay_within_the_proved_bounds(certified, calibrated):
     calibration = calibrated("hinf_delay")
     task, member, _ = parts(calibration)
@@ -349,6 +350,7 @@ def test_what_claims_let_be_stored_is_within_the_ranges_of_the_proof_of_the_code
         stored_ranges.within_ranges()
 
 
+@pytest.mark.slow
 def test_of_a_drawn_car_stability_is_certified(calibrated, monkeypatch):
     calibration = calibrated("hinf_delay")
     task = task_of(calibration)

@@ -320,6 +320,7 @@ def test_an_entry_of_another_type_is_refused(several, integers, wrong):
                 assert refusal(signed(mutated), integers), path
 
 
+@pytest.mark.slow
 def test_a_claim_has_no_other_name_or_data(several, integers):
     """Renamed alone, and with the statement; data exchanged between any two claims."""
     every = several["conditions"] + several["models"]

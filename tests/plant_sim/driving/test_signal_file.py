@@ -172,6 +172,7 @@ def test_channels_of_a_measurement_have_the_values_and_units_put_into_it(measure
     assert "signal Often: 5 of 20 samples are no number: left out" in often.remarks[0]
 
 
+@pytest.mark.slow
 def test_channels_of_a_measurement_that_cannot_be_are_refused(measured, tmp_path):
     assert "Speed is in the groups 0, 1: name it with its group, such as 0.Speed" in refusal(
         measured, ["Speed"]

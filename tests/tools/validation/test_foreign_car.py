@@ -8,6 +8,8 @@ pytest.importorskip("vehiclemodels", reason="needs commonroad-vehicle-models")
 from tools.validation import fit_foreign
 from tools.validation.fit_truth import NAMES, Outcome, Row
 
+pytestmark = pytest.mark.slow
+
 SEED = 2
 
 
