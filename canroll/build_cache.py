@@ -96,15 +96,16 @@ def recalled(of: bytes, make: Callable[[], Result]) -> Result:
         of: all that the result depends on, as for :func:`kept`.
         make: makes the result; its errors are raised each time.
     """
-    if of not in _recent:
-        result = make()
+    payload = _recent.get(of)
+    if payload is not None:
+        known: Result = pickle.loads(payload)
+        return known
+    result = make()
+    with suppress(pickle.PicklingError, AttributeError, TypeError):  # an object of the user's law
         _recent[of] = pickle.dumps(result, protocol=5)
         if len(_recent) > RECENT:
             _recent.popitem(last=False)
-        return result
-    _recent.move_to_end(of)
-    known: Result = pickle.loads(_recent[of])
-    return known
+    return result
 
 
 def kept(kind: str, of: bytes, make: Callable[[], Result]) -> Result:

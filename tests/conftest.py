@@ -69,8 +69,8 @@ def pytest_terminal_summary(
 
 def reason(report: pytest.TestReport) -> str:
     """Why a test is skipped."""
-    told = report.longrepr
-    return str(told[2] if isinstance(told, tuple) else told).removeprefix("Skipped: ")
+    cause = report.longrepr
+    return str(cause[2] if isinstance(cause, tuple) else cause).removeprefix("Skipped: ")
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

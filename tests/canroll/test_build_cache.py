@@ -156,6 +156,19 @@ def test_a_cache_that_cannot_be_written_changes_nothing(keep, tmp_path, monkeypa
     assert keep("made", b"elsewhere") == "made"
 
 
+def test_what_cannot_be_pickled_is_made_each_time():
+    made = []
+    for _ in range(2):
+        assert build_cache.recalled(b"a lambda", lambda: made.append(1) or (lambda: 5))() == 5
+    assert made == [1, 1]
+
+
+def test_memory_is_bounded(keep):
+    for number in range(2 * build_cache.RECENT):
+        build_cache.recalled(bytes([number]), lambda: "text")
+    assert len(build_cache._recent) == build_cache.RECENT
+
+
 def test_keys_differ_by_each_bit_of_a_number():
     values = [0.0, -0.0, 1.0, 1, True, "1", 1.0 + 2**-52, (1.0,), [1.0], None]
     assert len({build_cache.key(value) for value in values}) == len(values)
