@@ -38,7 +38,14 @@ def test_the_firmware_of_a_car_is_proved(name):
 
 @pytest.mark.slow
 @pytest.mark.skipif(compiler() is None, reason="needs a C compiler (apt package gcc)")
-@pytest.mark.parametrize("name", ["hyundai_canfd", "toyota_nodsu_pt", "vw_pq"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "hyundai_canfd",
+        pytest.param("toyota_nodsu_pt", marks=pytest.mark.long),
+        pytest.param("vw_pq", marks=pytest.mark.long),
+    ],
+)
 def test_the_loop_on_a_car_works_and_its_bundle_tests_itself(name):
     text, well = cars.row(CARS[name])
     assert well, text
