@@ -45,7 +45,13 @@ def test_readme_shows_what_its_commands_print(one_server):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "page", [p for p in PAGES if p.name not in IN_PROCESS], ids=lambda p: p.name
+    "page",
+    [
+        p if p.name == "tutorial.md" else pytest.param(p, marks=pytest.mark.long)
+        for p in PAGES
+        if p.name not in IN_PROCESS
+    ],
+    ids=lambda p: p.name,
 )
 def test_page_shows_what_its_quick_commands_print(page, one_server):
     code, text = build("--check", "--quick", page)

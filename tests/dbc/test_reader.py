@@ -191,7 +191,7 @@ def opendbc_files():
     return files | {name: text.encode() for name, text in generator.generate_all().items()}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_public_dbc_is_read(tmp_path):
     files = opendbc_files()
     assert len(files) > 90

@@ -190,7 +190,10 @@ LONG_RUN = ("random_road", "--law", "lqr", "--set", "duration=100")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("pace", "side"), [("realtime", "ecu"), ("lockstep", "plant")])
+@pytest.mark.parametrize(
+    ("pace", "side"),
+    [("realtime", "ecu"), pytest.param("lockstep", "plant", marks=pytest.mark.long)],
+)
 def test_a_killed_side_leaves_no_verdict(programs, tmp_path, pace, side):
     run, pids = start_run(programs, *LONG_RUN, "--pace", pace, "--out", tmp_path / "out")
     os.kill(pids[side], signal.SIGKILL)
@@ -202,7 +205,7 @@ def test_a_killed_side_leaves_no_verdict(programs, tmp_path, pace, side):
             os.kill(pid, 0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_side_that_stands_still_changes_nothing_in_lock_step(programs, tmp_path, capsys):
     out = tmp_path / "out"
     arguments = ["random_road", "--law", "lqr", "--set", "duration=8"]
@@ -220,7 +223,7 @@ def test_a_side_that_stands_still_changes_nothing_in_lock_step(programs, tmp_pat
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("side", ["plant", "ecu"])
+@pytest.mark.parametrize("side", [pytest.param("plant", marks=pytest.mark.long), "ecu"])
 def test_a_side_that_stood_still_leaves_no_verdict_in_real_time(programs, tmp_path, side):
     run, pids = start_run(programs, *LONG_RUN, "--out", tmp_path / "out")
     os.kill(pids[side], signal.SIGSTOP)

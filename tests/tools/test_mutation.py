@@ -193,7 +193,7 @@ print(json.dumps([*(o.verdict for o in outcomes), hunt.fails_afresh(texts, tests
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_faulty_loop_is_told_from_a_sound_one():
     command = [sys.executable, "-c", RUN]
     done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=FIRMWARE.parent)

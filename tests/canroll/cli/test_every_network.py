@@ -93,7 +93,15 @@ TWO_PROGRAMS = {
     "hil --check": f"hil --check {RUN} --duration 0.5 --json --bus",
 }
 """Commands that start processes: with the kinds that matter to them."""
-CELLS = [(command, kind) for command in COMMANDS for kind in NETWORKS]
+BUILT = ("timing", "export-c")
+"""Commands that build firmware: of the networks of others, one before each merge."""
+CELLS = [
+    pytest.param(command, kind, marks=pytest.mark.long)
+    if command in BUILT and kind in ("network", "traffic set", "kcd", "sym", "arxml", "log")
+    else (command, kind)
+    for command in COMMANDS
+    for kind in NETWORKS
+]
 CELLS += [("hil", "own frames"), ("hil", "fd profile"), ("hil --check", "own frames")]
 
 

@@ -110,7 +110,11 @@ def test_any_calibration_can_be_specialised(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", OTHERS, ids=str)
+@pytest.mark.parametrize(
+    "case",
+    [OTHERS[0], *(pytest.param(case, marks=pytest.mark.long) for case in OTHERS[1:])],
+    ids=str,
+)
 def test_every_law_actuator_and_observer(case):
     recording = recorded_traffic.record(case, 3.0)
     for traffic in (
