@@ -110,7 +110,7 @@ COMMANDS = {
     "attacks": Subcommand(
         "attackers on the bus, without authentication and with it",
         "study_parsers:attacks",
-        handler="attacks:run",
+        handler="faults:attacks",
     ),
     "severe": Subcommand(
         "severe manoeuvres over a population of vehicles",

@@ -8,7 +8,6 @@ from typing import Any
 
 from canroll.cli import terminal
 from canroll.cli.cases import driven
-from canroll.cli.design import design_task
 from canroll.cli.options import DEFAULT_SCENARIO, choices_of
 from canroll.errors import CanrollError
 from canroll.report.page import PageTable
@@ -24,11 +23,8 @@ LARGEST_EFFORT = 20_000.0
 """N·m; no actuator's message carries more."""
 
 
-def compare(args: argparse.Namespace) -> int:
+def compare(args: argparse.Namespace, task: Task) -> int:
     """Design every law for one task and print one line or object each."""
-    if args.runs is not None:
-        return drive_all(args)
-    task = design_task(args)
     answers = _designed(task)
     fitted = task.vehicle.fit is not None
     known = _designed(replace(task, vehicle=replace(task.vehicle, fit=None))) if fitted else {}

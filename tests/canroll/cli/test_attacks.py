@@ -7,7 +7,7 @@ import pytest
 
 from canroll.attacks import suite
 from canroll.attacks.suite import AttackOutcome, Suite
-from canroll.cli.attacks import chosen
+from canroll.cli.faults import chosen
 from canroll.cli.main import main
 
 
