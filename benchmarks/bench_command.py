@@ -92,8 +92,8 @@ def child(folder):
     main = importlib.import_module("canroll.cli.main").main
     importlib.import_module("canroll.runs.mdf").put_off()
     for name, module, function in PHASES:
-        its = importlib.import_module(module)
-        setattr(its, function, phases.of(name, getattr(its, function)))
+        home = importlib.import_module(module)
+        setattr(home, function, phases.of(name, getattr(home, function)))
     sys.stdout = open(os.devnull, "w")  # noqa: SIM115
     main([*RUN, "--out", folder])
     phases._switch()
