@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError
-from canroll.runs import experiment, steering_replay
+from canroll.runs import experiment, metrics, steering_replay
 from canroll.runs.experiment import with_files
 from canroll.runs.result import Result
 from canroll.runs.trace import Trace
@@ -92,6 +92,7 @@ def prepare(scenario: str, **keywords: Any) -> None:  # noqa: ANN401
     settings, controller = experiment.plan(scenario, **keywords)
     short = experiment.drive(settings, controller, enabled=True, duration=2.0 * settings.tick)
     steering_replay.with_path_error(short, experiment.maneuver_of(settings).drive)
+    metrics.judge(short)
 
 
 def cut(trace: Trace, duration: float) -> Trace:
