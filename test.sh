@@ -12,6 +12,8 @@ fi
 scripts/setup-venv "$set"
 # small matrices: threads of the linear algebra only wait for one another
 export OPENBLAS_NUM_THREADS=1
+# each of thousand starts would compile every module that it imports
+unset PYTHONDONTWRITEBYTECODE
 case "$*" in *tests/*) exec .venv/bin/pytest "$@" ;; esac
 scripts/lint ruff format codespell shellcheck
 types=$(mktemp)
