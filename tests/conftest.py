@@ -32,7 +32,6 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
-
 @pytest.fixture(autouse=True)
 def scheduled_as_before() -> Iterator[None]:
     """A test that leaves a real-time priority behind would starve all later ones."""
