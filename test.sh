@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Sets up a fresh machine, then lint, types and tests: every behaviour once, ten minutes on two cores.
-#   ./test.sh --all       all that CI runs: references, whole tables of cases, browser, bundles
+# Sets up a fresh machine, then lint, types and tests: the core, each behaviour of it once, ten
+# minutes on two cores.
+#   ./test.sh --all       all that CI runs: extensions, references, tables of cases, browser, bundles
 #   ./test.sh [--all] …   what follows goes on to pytest, such as tests/firmware or -k trigger
 set -euo pipefail
 cd "$(dirname "$0")"

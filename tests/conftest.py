@@ -6,6 +6,7 @@ import signal
 import subprocess
 from collections import Counter
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -21,6 +22,25 @@ settings.load_profile("reproducible")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 subprocess.Popen = Forked  # type: ignore[misc]
+NOT_CORE = [
+    Path(__file__).parent / folder
+    for folder in (
+        "canroll/campaigns",
+        "canroll/exchange",
+        "canroll/identification",
+        "canroll/papers",
+        "canroll/tyres",
+        "canroll/validation",
+        "codegen/fmu",
+        "codegen/specialise",
+        "firmware/services",
+        "gain_gen/certificate",
+        "plant_sim/fmi",
+        "tools",
+        "vehicles/sizing",
+    )
+]
+"""Nothing else needs what these test; the commands for it are tried in canroll/cli all the same."""
 REPORTER = pytest.StashKey[pytest.TerminalReporter]()
 
 gc.disable()
@@ -48,6 +68,12 @@ def no_terminal_around(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a test prints is as wide as in a pipe, whatever terminal the suite is started from."""
     monkeypatch.delenv("COLUMNS", raising=False)
     monkeypatch.delenv("LINES", raising=False)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Whether a folder is left to ``./test.sh --all``."""
+    core = "not slow" in config.getoption("markexpr")
+    return True if core and collection_path in NOT_CORE else None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

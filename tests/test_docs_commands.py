@@ -79,6 +79,7 @@ def test_keys_are_those_of_the_object(command, capsys):
             value = value[part]
 
 
+@pytest.mark.slow
 def test_keys_of_a_design_and_of_its_margins(tmp_path, capsys):
     assert cli.main(["design", "--law", "lqr", "--out", str(tmp_path), "--json"]) == 0
     assert keys("design") == set(json.loads(capsys.readouterr().out))

@@ -62,6 +62,7 @@ def test_own_gains_help(folder):
     assert result_in(folder / "own")["helps"]
 
 
+@pytest.mark.slow
 def test_an_own_stage_is_run(folder):
     banded = result_in(folder / "banded")
     plain = result_in(folder / "own")

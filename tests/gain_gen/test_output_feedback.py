@@ -152,6 +152,7 @@ def test_reduction_to_the_ecu_changes_little(car):
     assert error.max() < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("bus", DELAYS)
 def test_they_hold_on_the_family_as_designed(law, bus, designs):

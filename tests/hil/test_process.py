@@ -3,6 +3,8 @@
 import os
 from pathlib import Path
 
+import pytest
+
 from canroll.cli.main import main
 from hil import process
 
@@ -14,6 +16,7 @@ def scheduled():
     return os.sched_getscheduler(0), os.sched_getaffinity(0), locked
 
 
+@pytest.mark.slow
 def test_the_settings_of_a_loop_end_with_it():
     before = scheduled()
     with process.prepared(cpu=min(before[1]), priority=process.ECU_PRIORITY) as notes:

@@ -159,6 +159,7 @@ def test_the_check_times_the_authentication(planned):
     assert {len(payload) for received in ticks.received for _, payload in received} == {16}
 
 
+@pytest.mark.slow
 def test_the_own_bus_of_a_run_carries_its_frames(capsys):
     command = ["hil", "moose", *SECURED, "--law", "lqr", "--plant", "roll1", "--pace", "lockstep"]
     assert main([*command, "--duration", "0.6", "--json"]) == 0

@@ -127,6 +127,7 @@ def test_where_to_watch_a_run_is_said(tmp_path, capsys):
     assert f"to watch: canroll watch {bus}\n" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_program_that_falls_over_is_quoted(tmp_path, capsys):
     """The plant cannot be served where somebody else listens; nothing is left running."""
     arguments = ["hil", "double_lane_change", "--law", "lqr", "-i", "socketcand", "-c", "plant"]

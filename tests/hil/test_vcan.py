@@ -129,6 +129,7 @@ def test_a_missing_interface_is_one_line(tmp_path, calibration_file):
     assert "sudo ip link add dev vcan7 type vcan" in ran.stderr
 
 
+@pytest.mark.long
 def test_a_run_in_real_time_on_vcan_says_what_it_was(tmp_path):
     """On a guest that may be far too slow: a verdict and 0, or none and 1."""
     script = f"""
@@ -150,6 +151,7 @@ def test_a_run_in_real_time_on_vcan_says_what_it_was(tmp_path):
     assert (code == 0) == answer["timing"]["valid"] == (answer["helps"] is not None)
 
 
+@pytest.mark.long
 def test_a_killed_ecu_is_replaced_on_vcan(tmp_path, calibration_file):
     """The bus outlives it, and in lock step time stands still until the next one is there."""
     script = f"""

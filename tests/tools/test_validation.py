@@ -17,8 +17,8 @@ from tools.validation import comparison_cases as ours
 from tools.validation import multi_body
 from vehicles.suspensions.tables import section
 
-SLOW = pytest.mark.slow
-pytestmark = SLOW
+LONG = pytest.mark.long
+pytestmark = pytest.mark.slow
 TYRE = Path(__file__).parents[1] / "vehicles" / "tyres" / "passenger_52.tir"
 
 
@@ -42,15 +42,16 @@ def check(found, **limits):
 
 
 @pytest.mark.parametrize(
-    "speed", [pytest.param(60.0, marks=SLOW), 80.0, pytest.param(100.0, marks=SLOW)]
+    "speed", [pytest.param(60.0, marks=LONG), 80.0, pytest.param(100.0, marks=LONG)]
 )
 def test_van_in_lane_changes(speed):
     found = differ("van_real", ours.lane_change(common("van_real"), speed))
     check(found, yaw_rate=0.5, roll=0.8, lateral_acceleration=0.4, loads=1.5)
 
 
-@SLOW
-@pytest.mark.parametrize("speed", [60.0, 80.0, 100.0])
+@pytest.mark.parametrize(
+    "speed", [pytest.param(60.0, marks=LONG), 80.0, pytest.param(100.0, marks=LONG)]
+)
 def test_sedan_in_lane_changes(speed):
     """Its loads differ by what the multi-body car's springs leave out (below)."""
     found = differ("sedan_320i", ours.lane_change(common("sedan_320i"), speed))
@@ -65,10 +66,10 @@ def test_step():
 @pytest.mark.parametrize(
     ("hertz", "roll", "loads"),
     [
-        pytest.param(0.5, 1.2, 2.0, marks=SLOW),
+        pytest.param(0.5, 1.2, 2.0, marks=LONG),
         (1.0, 4.0, 4.0),
-        pytest.param(2.0, 4.0, 8.0, marks=SLOW),
-        pytest.param(3.0, 4.0, 12.0, marks=SLOW),
+        pytest.param(2.0, 4.0, 8.0, marks=LONG),
+        pytest.param(3.0, 4.0, 12.0, marks=LONG),
     ],
 )
 def test_sines(hertz, roll, loads):
@@ -79,10 +80,10 @@ def test_sines(hertz, roll, loads):
 @pytest.mark.parametrize(
     ("hertz", "yaw_rate", "roll"),
     [
-        pytest.param(0.5, 0.5, 0.5, marks=SLOW),
+        pytest.param(0.5, 0.5, 0.5, marks=LONG),
         (1.0, 0.4, 0.8),
         (3.0, 5.0, 3.0),
-        pytest.param(5.0, 5.0, 7.5, marks=SLOW),
+        pytest.param(5.0, 5.0, 7.5, marks=LONG),
     ],
 )
 def test_moments(hertz, yaw_rate, roll):
@@ -91,7 +92,6 @@ def test_moments(hertz, yaw_rate, roll):
     check(found, yaw_rate=yaw_rate, roll=roll, lateral_acceleration=8.0)
 
 
-@SLOW
 def test_published_slip_is_that_of_another_point():
     """The package takes it from the velocity of the sprung body's CG: no tyre is there."""
     found = differ("van_real", ours.sine(1.0), as_published=True)

@@ -48,6 +48,7 @@ def test_it_is_printed_with_the_other_numbers(tmp_path, capsys):
     assert "moment of the front axle" in text
 
 
+@pytest.mark.slow
 def test_margins_finds_the_same_from_the_file_and_more_of_a_car_known_better(tmp_path, capsys):
     designed_for = json.loads(designed(tmp_path, capsys, "--json"))["detectability"]
     file = str(tmp_path / "calibration.toml")

@@ -12,6 +12,7 @@ from codegen.run import native
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler (gcc)")
 
 
+@pytest.mark.slow
 def test_an_ecu_has_sources_and_a_library(tmp_path, capsys):
     out = tmp_path / "ecu.fmu"
     assert export_fmu.run(parse(["export-fmu", "ecu", str(out), "--law", "lqr"])) == 0
@@ -22,6 +23,7 @@ def test_an_ecu_has_sources_and_a_library(tmp_path, capsys):
     assert any(name.startswith("binaries/") for name in names)
 
 
+@pytest.mark.slow
 def test_a_bus_carries_authenticated_frames_as_any_other(tmp_path, capsys):
     out = tmp_path / "bus.fmu"
     assert export_fmu.run(parse(["export-fmu", "bus", str(out), "--bus", "secured_fd"])) == 0

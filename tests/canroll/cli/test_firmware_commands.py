@@ -22,6 +22,7 @@ def test_half_a_bus_is_refused(tmp_path):
         export_c.run(args)
 
 
+@pytest.mark.slow
 def test_an_unverified_design_needs_the_word(tmp_path, monkeypatch):
     args = parse(["export-c", str(tmp_path / "out")])
     plan = export_c.plan
@@ -58,6 +59,7 @@ def test_a_folder_that_cannot_be_written_is_one_line(tmp_path, words):
     assert (tmp_path / "file").read_text() == ""
 
 
+@pytest.mark.slow
 def test_the_proof_as_json(capsys):
     assert prove.run(parse(["prove", "--json"])) == 0
     answer = json.loads(capsys.readouterr().out)

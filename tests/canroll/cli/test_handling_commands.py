@@ -32,6 +32,7 @@ def test_response_prints_gains_and_phases(capsys):
 CONTROLLED = ["--plant", "roll1", "--law", "plain_feedforward"]
 
 
+@pytest.mark.slow
 def test_understeer_shows_both_vehicles(capsys):
     alone = answer(capsys, "understeer", "--plant", "roll1")
     both = answer(capsys, "understeer", *CONTROLLED)
@@ -74,6 +75,7 @@ def test_response_shows_both_vehicles_and_draws_them(capsys, tmp_path):
 LINEAR = ["response", "--linear", "--speed", "80"]
 
 
+@pytest.mark.slow
 def test_linear_response_prints_modes_responses_and_the_distance(capsys, tmp_path):
     assert main([*LINEAR, "--out", str(tmp_path)]) == 0
     text = capsys.readouterr().out

@@ -133,6 +133,7 @@ def test_two_processes_run_it_too(calibration, capsys):
     assert "lqr and progressive" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_what_cannot_be_is_refused_in_one_line(calibration, tmp_path, capsys):
     run = ("run", "double_lane_change", *SHORT)
     line = refused((*run, "--calibration", calibration, "--stage", EXAMPLE), capsys)
@@ -186,6 +187,7 @@ def moment(ecu: Ecu, cal: Calibration, wanted: i32, output: i32, steps: i32) -> 
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "condition",
     [

@@ -57,6 +57,7 @@ def test_a_car_that_fails_has_exit_code_1_and_says_why(logs, capsys):
     capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_several_logs_are_a_table_in_which_those_that_fail_come_first(logs, tmp_path, capsys):
     out = str(tmp_path)
     assert main(["validate", *logs.values(), *VAN, "--out", out]) == 0

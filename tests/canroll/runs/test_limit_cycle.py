@@ -183,6 +183,7 @@ def claimed(loop, deviation, seed, steering=STEERING):
 feedbacks = st.tuples(st.floats(0, 8e4), st.floats(-1e4, 2e4))
 
 
+@pytest.mark.slow
 @example(feedback=(56_000.0, 0.0), delay=3, rate=0.0, seed=0, straight=False)
 @given(feedbacks, st.integers(0, 12), st.floats(0, 0.1), st.integers(0, 1000), st.booleans())
 def test_a_stable_loop_with_noise_has_no_limit_cycle(feedback, delay, rate, seed, straight):
@@ -192,6 +193,7 @@ def test_a_stable_loop_with_noise_has_no_limit_cycle(feedback, delay, rate, seed
     assert not claimed(loop, (0.1 * rate, rate), seed, steering)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=30)
 @given(feedbacks, st.integers(1, 12), st.floats(0, 30), st.integers(0, 1000))
 def test_an_unstable_loop_with_noise_has_one(feedback, delay, noise, seed):

@@ -61,6 +61,7 @@ def as_fd(folder):
     return path, CLASSIC[1]
 
 
+@pytest.mark.slow
 def test_the_figures_are_those_of_the_built_in_bus(built_in, own):
     files, result = own
     # the FD frame brings speed and steering twice as often as the contract's

@@ -44,6 +44,7 @@ def test_a_run_on_two_files_is_that_on_one(both):
     assert both.warnings == one.warnings
 
 
+@pytest.mark.slow
 def test_a_saved_run_knows_all_its_files(both, files, tmp_path):
     write_files(both, tmp_path)
     assert json.loads((tmp_path / "result.json").read_text())["dbc"] == list(map(str, files))

@@ -106,6 +106,7 @@ def read(result, folder):
     return found
 
 
+@pytest.mark.slow
 def test_every_frame_has_its_own_cycle_time_and_the_true_values(driven, tmp_path):
     found = read(driven, tmp_path)
     assert found.keys() == {*PERIODS, "BARS"}

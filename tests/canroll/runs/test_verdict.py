@@ -132,6 +132,7 @@ def test_limit_help_tells_its_own_default_plant(capsys):
     assert "(default: nonlinear)" in out and "--speed" not in out
 
 
+@pytest.mark.slow
 def test_a_table_into_a_closed_pipe_is_no_failure():
     """rich would exit with 1 here; the command must see the broken pipe itself."""
     with pytest.raises(BrokenPipeError):

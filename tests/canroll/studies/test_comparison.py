@@ -113,6 +113,7 @@ def test_saved_runs_are_compared_as_driven_ones(tmp_path, capsys, monkeypatch):
     assert "compare runs of one manoeuvre" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_one_run_alone_has_its_numbers_and_processes_change_nothing(capsys):
     """A run has its number among all words, saved or not; of a sweep law by law."""
     for command in (

@@ -56,6 +56,7 @@ def replayed(line, log, folder, capsys):
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_the_recorded_drive_is_seen_as_in_the_run(recorded, tmp_path, capsys):
     trace, log, line, _ = recorded
     found = replayed(line, log, tmp_path, capsys)

@@ -37,6 +37,7 @@ def test_what_is_driven_of_a_fitted_vehicle_is_said(found):
     assert severe.to_json(said)["note"].startswith("the vehicles are spread by --spread")
 
 
+@pytest.mark.slow
 def test_each_is_driven_by_all_four(found):
     names = ["passive", severe.BAR, severe.PLAIN, "lqr"]
     assert [row.name for row in found.rows] == 2 * names

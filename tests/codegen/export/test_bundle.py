@@ -344,6 +344,7 @@ def compared(folder, *options):
     return subprocess.run(command, capture_output=True, text=True, timeout=1800, check=False)
 
 
+@pytest.mark.slow
 def test_its_codec_is_what_cantools_says(folder):
     result = compared(folder, "--frames", "200")
     assert result.returncode == 0, result.stdout

@@ -53,6 +53,7 @@ def reached(folder):
     return statements, branches
 
 
+@pytest.mark.slow
 def test_every_statement_and_branch_is_reached_or_listed(tmp_path):
     program = built(tmp_path, flags=["-O0", "--coverage"])
     done = subprocess.run([program], cwd=tmp_path, capture_output=True, text=True, check=False)

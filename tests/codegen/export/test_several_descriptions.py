@@ -64,6 +64,7 @@ def test_its_sources_and_vectors_are_those_of_one_file(folders):
     assert changed - {"canroll.a2l", "include/canroll_epk.h"} == set(NAMED)
 
 
+@pytest.mark.slow
 def test_it_has_all_files(folders):
     both, _, files = folders
     for path in files:

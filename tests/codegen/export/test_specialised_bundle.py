@@ -179,7 +179,9 @@ def secured(tmp_path_factory, record):
     return path
 
 
-@pytest.mark.parametrize("flags", [STRICT, SANITIZED], ids=["strict", "sanitized"])
+@pytest.mark.parametrize(
+    "flags", [STRICT, pytest.param(SANITIZED, marks=pytest.mark.long)], ids=["strict", "sanitized"]
+)
 def test_a_bus_with_authenticated_frames(secured, flags, tmp_path):
     copy = tmp_path / "copy"
     shutil.copytree(secured, copy)
@@ -198,6 +200,7 @@ def test_a_bare_cortex_m_with_authenticated_frames(secured):
     assert "PASS" in result.stdout
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("cppcheck") is None, reason="needs cppcheck")
 def test_cppcheck_and_misra_with_authenticated_frames(secured):
     found = misra.cppcheck(secured / "src", secured / "include")

@@ -38,7 +38,7 @@ def test_cppcheck_and_misra_find_only_what_is_documented(loop):
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cppcheck") is None, reason="needs cppcheck")
-@pytest.mark.parametrize("services", ["beside", "secured"])
+@pytest.mark.parametrize("services", ["beside", pytest.param("secured", marks=pytest.mark.long)])
 def test_nor_do_they_in_the_services(tmp_path, services):
     firmware = with_services(built_in(), (*SERVICES, *LASTING))
     if services == "secured":
@@ -98,6 +98,7 @@ WHERE = {
 """What a line has on which a rule is deviated from, if the reason is true."""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cppcheck") is None, reason="needs cppcheck")
 def test_the_reason_of_a_deviation_is_that_of_every_place(loop):
     folder, found = loop

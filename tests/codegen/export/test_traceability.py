@@ -39,6 +39,7 @@ def test_every_requirement_has_functions_and_tests_that_exist(found):
         assert len(set(its.tests)) == len(its.tests)
 
 
+@pytest.mark.slow
 def test_every_function_has_one_requirement(found):
     program = SERVED.program()
     for function in program.functions():

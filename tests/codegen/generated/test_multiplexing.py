@@ -152,6 +152,7 @@ def test_the_loop_turns_the_pages_of_this_bus(bus):
     assert pages == [1, 4, 9, 1, 4, 9]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 def test_c_gives_the_bytes_of_python(bus):
     cal = calibration()

@@ -132,6 +132,7 @@ def test_the_places_of_a_stage_do_nothing_by_default():
     assert memory_image.image(ecu) == before
 
 
+@pytest.mark.slow
 def test_its_state_follows_that_of_the_loop(firmware):
     ours, its = memory_image.dtype(Ecu), memory_image.dtype(firmware.record)
     assert [f.name for f in fields(firmware.record)][-2:] == ["swing", "factor"]
@@ -200,6 +201,7 @@ def test_qemu_is_native(firmware):
     assert run.frames.tobytes() == expected.frames.tobytes()
 
 
+@pytest.mark.slow
 def test_what_a_stage_gives_is_limited_as_what_a_law_gives():
     most = staged(HEAD + MOMENT + '    """Most."""\n    return 2147483647\n')
     limits = {"moment_max": 500 << 14, "slew_max": 300 << 14}
@@ -224,6 +226,7 @@ def test_a_law_with_two_outputs_has_two_calls():
     assert states[-1][0] == states[-1][1] > 0
 
 
+@pytest.mark.slow
 def test_an_estimator_corrects_what_the_law_reads():
     text = ESTIMATE + '    """No roll."""\n    ecu.x[0] = 0\n'
     its = staged(HEAD + text)

@@ -593,6 +593,7 @@ def test_c_protects_and_judges_as_described(tmp_path, entries, size):
         assert 0 < sum(judged) < len(judged) or its.checksum is None
 
 
+@pytest.mark.slow
 @needs_cc
 def test_only_the_frames_that_have_a_data_id_are_protected(tmp_path):
     """A frame received with E2E and one sent without: neither gets what the other has."""

@@ -223,6 +223,7 @@ def test_a_signal_that_another_says_has_no_value_keeps_the_last(firmware):
         assert (car.ecu.valid[RX_IMU], car.ecu.yaw_rate) == (valid, known)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 def test_c_gives_the_states_of_python(firmware):
     compiled_states.compare(firmware, calibration())

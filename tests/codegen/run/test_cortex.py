@@ -37,6 +37,7 @@ def compare(run, expected):
     assert 0 < run.stack < 1024
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cpu", CPUS)
 def test_unicorn_is_native(cpu):
     for seed in (3, 9):
@@ -159,6 +160,7 @@ MISSED = {
 }
 
 
+@pytest.mark.slow
 @needs_qemu
 @pytest.mark.parametrize("processor", ["cortex-m0", "cortex-m4"])
 @pytest.mark.parametrize("name", MISSED)

@@ -65,7 +65,7 @@ def random_state(rng, calibration):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long), 5])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(n, marks=pytest.mark.long) for n in (2, 5))])
 def test_registers_lie_in_their_intervals(cpu, seed, monkeypatch):
     calibration = ecu_traffic.random_calibration(seed)
     path = cortex.gcc_image(cpu)

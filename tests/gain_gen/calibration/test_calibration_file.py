@@ -434,6 +434,7 @@ def test_summary_is_plain_json(lqr):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_level_names_its_channel_and_no_column_compares_levels(monkeypatch, capsys):
     """The level of the one is in weighted degrees, that of the other in rad per SI disturbance."""
     laws = ("hinf", "rate_feedforward", "plain_feedforward")
@@ -452,6 +453,7 @@ def test_a_level_names_its_channel_and_no_column_compares_levels(monkeypatch, ca
     assert {len(row) for row in rows} == {len(heading)}
 
 
+@pytest.mark.slow
 def test_command_line_writes_and_reads(tmp_path, capsys):
     out = tmp_path / "out"
     arguments = ["design", "--law", "hinf_delay", "--vehicle", "van_2021", "--delay", "100"]

@@ -186,6 +186,7 @@ def test_printed_level_is_out_of_reach_of_every_rate_gain(van):
     assert min(exact_gamma(van, gain, 0.0) for gain in (-1e3, -1e4, -1e5, -1e7)) ** 2 > 0.2167
 
 
+@pytest.mark.slow
 def test_infeasible_target_says_what_is_feasible():
     with pytest.raises(VerdictError, match=r"infeasible at a delay of 2000 ms.*feasible up to"):
         design("hinf_delay", task(delay=2.0, gains="theorem"))

@@ -35,6 +35,7 @@ def designed(request):
     return design("hinf_delay", task_of(*DELAYS[request.param]))
 
 
+@pytest.mark.slow
 def test_the_gain_has_its_margins_on_every_car_and_is_certified(designed):
     assert designed.is_verified
     assert designed.warnings == ()

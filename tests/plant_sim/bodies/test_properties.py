@@ -4,6 +4,7 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -28,6 +29,7 @@ ANYTHING = st.one_of(
 FACTOR = st.floats(0.5, 2.0)
 
 
+@pytest.mark.slow
 @given(st.sampled_from(KEYS), ANYTHING)
 def test_any_value_is_loaded_or_refused_in_one_line(where, value):
     table = tomllib.loads(TEXT)

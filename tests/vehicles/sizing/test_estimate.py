@@ -5,15 +5,17 @@ from dataclasses import fields
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from vehiclemodels.parameters_vehicle1 import parameters_vehicle1
-from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
-from vehiclemodels.parameters_vehicle3 import parameters_vehicle3
 
 import vehicles
 from canroll.errors import CanrollError
 from vehicles.sizing.classes import CLASSES
 from vehicles.sizing.estimate import SIZES, estimated
 from vehicles.sizing.review import RATIO_OF, beside_class, handling
+
+pytest.importorskip("vehiclemodels", reason="needs commonroad-vehicle-models")
+from vehiclemodels.parameters_vehicle1 import parameters_vehicle1
+from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
+from vehiclemodels.parameters_vehicle3 import parameters_vehicle3
 
 VAN = {"mass": 2720.0, "wheelbase": 3.66, "track": 1.735, "height": 2.5}
 

@@ -69,6 +69,7 @@ def test_it_tests_itself_and_a_wrong_table_fails(folder):
     assert failed.stdout.startswith(b"FAIL: SecOC, ")
 
 
+@pytest.mark.slow
 @needs_cc
 def test_the_example_compiles_with_authentication(folder, tmp_path):
     command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-int-to-pointer-cast", "-c"]

@@ -90,6 +90,7 @@ def test_damage_is_said_in_a_line_of_ours(good, tmp_path, capfd):
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".blf", ".mf4", ".db", ".pcap", ".pcapng"])
 def test_a_binary_file_of_another_kind_is_called_so(tmp_path, suffix):
     path = tmp_path / f"fake{suffix}"

@@ -155,6 +155,7 @@ def test_an_identifier_that_others_use_is_refused(tmp_path):
         delay_bounds(load_profile(path))
 
 
+@pytest.mark.slow
 def test_one_of_several_channels_is_named_behind_the_file(tmp_path):
     path = recording(tmp_path / "two.asc", others(16), channels=(0, 0, 0, 1), seconds=10)
     with pytest.raises(CanrollError, match=r"choose a channel of it: .*two\.asc#0"):

@@ -52,6 +52,7 @@ def sets(draw):
     return found, rates, tick_ms
 
 
+@pytest.mark.slow
 @given(sets(), st.booleans(), st.integers(0, 100))
 def test_no_age_and_no_response_is_above_its_bound(drawn, longest, seed):
     found, rates, tick_ms = drawn
