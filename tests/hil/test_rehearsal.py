@@ -182,7 +182,7 @@ def test_an_ecu_behind_an_adapter_sends_what_it_sends_on_the_bus(
         assert sent["ident"].tolist()[: len(ours)] == ours["ident"].tolist()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_ecu_behind_an_adapter_and_a_plant_beyond_it(programs, calibration_file, tmp_path):
     """Whatever the machine's pace: what one side sends, a witness sees and the other side gets."""
     plant = programs("plant", "plant", "double_lane_change", "--serve", "127.0.0.1:0",

@@ -77,7 +77,7 @@ def test_draws_that_cannot_be_are_left_out():
     assert found.probability == pytest.approx(0.2, abs=0.04)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_samples_of_a_campaign_are_kept_and_seen_again(tmp_path, capsys):
     pytest.importorskip("pyarrow", reason="needs pyarrow: the extra campaign")
     options = ["campaign", "roundabout", "--plant", "roll1", "--law", "lqr", "--jobs", "1"]

@@ -84,7 +84,7 @@ def test_the_bound_of_a_tick_is_printed_beside_the_most_seen(capsys):
     assert sum(answer["functions"].values()) == answer["cycles"]["bound"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_bound_on_a_bus_with_authenticated_frames_says_how_many_a_tick_sees(capsys):
     if not cortex.has_gcc_and_qemu():
         pytest.skip("needs gcc-arm-none-eabi and qemu-system-arm")

@@ -161,7 +161,7 @@ def test_what_cannot_be_is_refused_in_one_line(calibration, tmp_path, capsys):
         assert rule in refused((*run, "--calibration", own), capsys)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @needs_cc
 @pytest.mark.skipif(not shutil.which("make"), reason="needs make")
 def test_code_for_one_calibration_has_it_too(calibration, tmp_path):

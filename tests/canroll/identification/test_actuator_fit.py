@@ -61,7 +61,7 @@ def inside(colour):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("colour", [0.0, 0.8])
+@pytest.mark.parametrize("colour", [pytest.param(0.0, marks=pytest.mark.long), 0.8])
 def test_intervals_hold_the_truth_as_often_as_they_say(colour):
     hits = inside(colour)
     # three counts: each outside these limits once in three thousand times, were they right

@@ -62,6 +62,7 @@ def test_a_trace_is_written_in_blocks(planned, tmp_path):
     assert judged < 8 * 1000
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("on_disk")
 def test_what_is_driven_judged_and_shown_of_a_run_does_not_grow_with_it(monkeypatch, tmp_path):
     """Driving, replay, judgement, picture and page: together the place of four signals.

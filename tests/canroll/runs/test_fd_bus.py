@@ -92,7 +92,7 @@ def test_our_frames_alone_wait_less_than_on_the_classic_bus():
     assert fd.command.greatest < 0.7 * classic.command.greatest
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 def test_its_bundle_has_the_fd_firmware(tmp_path):
     assert (

@@ -146,7 +146,10 @@ def changed(vehicle, rng):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("bus", "of_plain"), [("500k", 0.97), ("gateway_50ms", 0.87)])
+@pytest.mark.parametrize(
+    ("bus", "of_plain"),
+    [pytest.param("500k", 0.97, marks=pytest.mark.long), ("gateway_50ms", 0.87)],
+)
 def test_thirty_vehicles_roll_less_than_with_the_plain_feedforward(bus, of_plain):
     laws = [
         plan("double_lane_change", law=law, bus=bus, **CAR) for law in ("steering_lead", "plain")

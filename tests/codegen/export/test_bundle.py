@@ -273,7 +273,7 @@ def test_the_image_has_the_name_that_the_a2l_asks_for(folder):
     assert f'EPK "{epk}"' in (folder / "canroll.a2l").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_users_own_bus_without_e2e(tmp_path):
     (tmp_path / "own.dbc").write_text(DBC)
     (tmp_path / "own.toml").write_text(MAP)

@@ -68,7 +68,7 @@ def test_cppcheck_does_find_faults(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
-@pytest.mark.parametrize("seed", [3, pytest.param(9, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [3, pytest.param(9, marks=pytest.mark.long)])
 def test_sanitizers_have_nothing_to_say(tmp_path, seed):
     record = ecu_traffic.random_calibration(seed)
     bundle.write(

@@ -109,7 +109,7 @@ def test_c_gives_the_states_of_python(firmware):
     compiled_states.compare(firmware, calibration())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 def test_the_bundle_passes_and_agrees_with_cantools(paths, tmp_path):
     dbc, map_file = paths

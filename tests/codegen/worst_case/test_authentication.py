@@ -68,7 +68,7 @@ def test_a_flood_comes_close_to_the_bound_and_stays_below(recording, bound_of, c
 
 
 @needs_gcc
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_specialised_loop_is_bounded_with_its_authentication(recording, bound_of):
     special, cpu = specialised(FIRMWARE, recording.calibration), "cortex-m4"
     loop = close_to_the_bound(recording, bound_of(cpu, special), cpu, special)

@@ -65,6 +65,14 @@ def random_state(rng, calibration):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    "cpu",
+    [
+        "cortex-m4",
+        *(pytest.param(cpu, marks=pytest.mark.long) for cpu in ("cortex-m0", "cortex-m3")),
+    ],
+    indirect=True,
+)
 @pytest.mark.parametrize("seed", [1, *(pytest.param(n, marks=pytest.mark.long) for n in (2, 5))])
 def test_registers_lie_in_their_intervals(cpu, seed, monkeypatch):
     calibration = ecu_traffic.random_calibration(seed)

@@ -25,6 +25,14 @@ def registers_only(insn):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    "cpu",
+    [
+        "cortex-m4",
+        *(pytest.param(cpu, marks=pytest.mark.long) for cpu in ("cortex-m0", "cortex-m3")),
+    ],
+    indirect=True,
+)
 def test_results_lie_in_their_intervals(cpu):
     unicorn = pytest.importorskip("unicorn", reason="needs canroll[target]")
     names = unicorn.arm_const

@@ -36,7 +36,7 @@ def test_the_firmware_of_a_car_is_proved(name):
     assert not prove(program).findings
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(compiler() is None, reason="needs a C compiler (apt package gcc)")
 @pytest.mark.parametrize(
     "name",
