@@ -15,6 +15,7 @@ from gain_gen.analysis.sampled_loop import SampledLoop, loop_gain, response_peak
 from gain_gen.analysis.verify import DELAY_LIMIT, family_checks, passive_controller
 from gain_gen.calibration.calibration_file import LoadedCalibration, load
 from gain_gen.calibration.dequantise import dequantise
+from gain_gen.calibration.resolution import of_calibration
 from gain_gen.models.controller import scaled_controller
 from gain_gen.models.roll import Matrix
 from gain_gen.models.state_space import Complex
@@ -118,6 +119,7 @@ def task_of(calibration: LoadedCalibration) -> Task:
         tick=calibration.tick,
         actuator=calibration.actuator,
         observer=str(table.get("observer", "two_sensors")),
+        resolution=of_calibration(calibration),
     )
 
 

@@ -22,6 +22,7 @@ from firmware.calibration import Calibration
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE
 from gain_gen.calibration.calibration_file import LoadedCalibration, load
 from gain_gen.calibration.options import ACTUATOR_NUMBER, QuantiseOptions
+from gain_gen.calibration.resolution import of_bus
 from gain_gen.laws import LAWS, WITHOUT_ROLL_RATE, is_of_user
 from gain_gen.models.task import Delay, Design, Task, made_of
 from gain_gen.monitors.uncertainty import BY_STEERING, EVERY, of_vehicle, stated
@@ -120,9 +121,11 @@ def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
     tick = 1e-3 * chosen(choices, "tick_ms")
     if round(tick * 1e9) % 1000:
         raise CanrollError(f"tick {1e3 * tick:g} ms: must be 1 to 20 ms, in whole µs")
+    profile = profile_of(choices)
     if delay is None:
         command = COMMANDS[ACTUATOR_NUMBER[actuator]]
-        delay = sample_to_force(vehicle, command, profile_of(choices), tick=tick)
+        delay = sample_to_force(vehicle, command, profile, tick=tick)
+    own = bus_map(profile)
     return Task(
         vehicle=vehicle,
         delay=delay,
@@ -134,6 +137,7 @@ def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
         moment_share=choices.get("moment_share"),
         matrices=str(choices.get("matrices") or ""),
         unverified=chosen(choices, "unverified"),
+        resolution=None if own is None else of_bus(own),
     )
 
 

@@ -12,6 +12,7 @@ from gain_gen.calibration.calibration_file import VEHICLE
 from gain_gen.calibration.options import QuantiseOptions
 from gain_gen.calibration.quantise import Quantised, law_kind, quantise_design
 from gain_gen.calibration.record import fill, identify
+from gain_gen.calibration.resolution import of_contract
 from gain_gen.calibration.response_part import unwatched
 from gain_gen.calibration.rounding_error import quantisation_checks
 from gain_gen.calibration.summary import Tables, plain
@@ -80,6 +81,7 @@ def design_tables(design: Design, quantised: Quantised) -> Tables:
             "delay_s": task.delay.nominal,
             "delay_min_s": task.delay.least,
             "delay_max_s": task.delay.most,
+            "resolution": asdict(task.resolution or of_contract()),
             "solve_s": design.solution.solve_seconds,
             "warnings": list(design.warnings),
         },

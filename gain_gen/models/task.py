@@ -69,6 +69,27 @@ class Delay:
 
 
 @dataclass(frozen=True, slots=True)
+class Resolution:
+    """Steps of the signals on the bus; 0 where it has none.
+
+    Attributes:
+        roll_rate: rad/s.
+        lateral_acceleration: m/s².
+        steering: of the steering wheel, rad.
+        delivered: reported moment of an axle, N·m.
+        bar: commanded moment of an axle, N·m.
+        force: commanded force of a corner, N.
+    """
+
+    roll_rate: float
+    lateral_acceleration: float
+    steering: float
+    delivered: float
+    bar: float
+    force: float
+
+
+@dataclass(frozen=True, slots=True)
 class Task:
     """Input of a law.
 
@@ -87,6 +108,7 @@ class Task:
         gamma_target: H∞ level to certify, or zero for the least.
         moment_share: RMS moment over the RMS of the roll moment m h a_y, or None for the law's own.
         unverified: whether a design that fails a check is returned, marked, instead of refused.
+        resolution: of the bus; None for that of ``roll_control.dbc``.
     """
 
     vehicle: Vehicle
@@ -103,6 +125,7 @@ class Task:
     gamma_target: float = 0.0
     moment_share: float | None = None
     unverified: bool = False
+    resolution: Resolution | None = None
 
     @property
     def lag(self) -> float:
