@@ -3,27 +3,36 @@
 It needs python-flint and the standard library alone. From the continuous car of each condition, the
 integers of the calibration and the bounds of delay and rounding it builds the sampled loop and
 checks each claim's matrix inequality. What a claim is about follows from its name alone, and which
-claims each condition must have is stated once more. The derivation is in docs/theory.md, what is
-assumed in docs/commands.md (canroll certify).
+claims each condition must have is stated once more. Car, delays and resolutions are the
+certificate's own: they are printed, and canroll certify --check compares them. The derivation is in
+docs/theory.md, what is assumed in docs/commands.md (canroll certify).
 """
 
 # ruff: noqa: ANN401, B905, RUF005 - the numbers are those of flint; it is short to be read
 import hashlib
 import json
+import re
 import sys
 import tomllib
+from decimal import ROUND_CEILING, Context, Decimal
 from pathlib import Path
 from typing import Any
 
 from flint import arb, arb_mat, ctx, fmpq
 
 ctx.prec = 192
-FORMAT = "canroll certificate 3"
+FORMAT = "canroll certificate 4"
 SOURCE = ["actuator", "calibration_sha256", "firmware_sha256", "law", "vehicle", "vehicle_sha256"]
 MORE, REST = fmpq(101, 100), 101  # (a + b)^2 <= MORE a^2 + REST b^2
 # of every value that the code stores, as it saturates; a unit; what the trigger rounds off: two
 # commands, size and floor to quarters of a N m
 LIMIT, NEWTON_METRE, COARSE = 1 << 30, 1 << 14, 1 << 13
+MODEL, ONE, UP = "1-DOF roll model", 1 << 28, Context(prec=5, rounding=ROUND_CEILING)
+NAME = re.compile(
+    rf"(draw [1-9][0-9]* of the fit, )?(laden|empty|{MODEL}), ([1-9][0-9]*) km/h"
+    r"(, curve of [0-9.]+ m/s²)?(, friction [0-9.]+)?"
+)
+INPUTS = ("roll moment (N·m)", "steering angle (rad)", "reading of it (m/s², Q24)")
 
 
 class Form(dict[Any, Any]):
@@ -71,9 +80,28 @@ def squares(on: Any, terms: Any) -> Any:
     return rows(on, *(f for _, f in terms)).transpose() * rows(on, *(f.times(x) for x, f in terms))
 
 
+def factor(c: Any, speed: int) -> int:
+    """Return what schedule and fade multiply the command by (Q28) at a speed (m/s, Q20)."""
+    at, gains = c["schedule_speed"][: c["schedule_points"]], c["schedule_gain"]
+    k = max(i for i, point in enumerate(at) if point <= speed or not i)
+    after = min(k + 1, len(at) - 1)
+
+    def share(gone: int, width: int) -> int:
+        return min(max(gone, 0) * ONE // max(width, 1), ONE)
+
+    def times(a: int, b: int) -> int:
+        return (a * b + ONE // 2) // ONE
+
+    gain = gains[k] + times(gains[after] - gains[k], share(speed - at[k], at[after] - at[k]))
+    fade = share(speed - c["fade_low"], c["fade_high"] - c["fade_low"])
+    return max(times(min(gain, LIMIT - 1), fade), 0)
+
+
 def controller(c: Any, gain: int, y: list[Form], past: list[Form], stored: list[Form]) -> Any:
     """Return command and next states as forms, in ECU's units; add all that is stored."""
     (rate, lateral, moment), steered = y, variables("d", 3)[2]
+    if not c["timeout_ticks"][3]:  # no actuator reports: what is commanded counts as delivered
+        moment = past[0]
 
     def row(coefficients: list[int], shift: int, forms: list[Form]) -> Form:
         exact = combined([fmpq(number, 1 << shift) for number in coefficients], forms)
@@ -135,7 +163,8 @@ def part(matrix: Any, rows: int, columns: Any) -> Any:
 
 def remainder(flow: Any, p: Any, channel: Any, tick: Any, ends: Any) -> Any:
     """Return the most by which F(s) leaves centre + G w, |w| <= 1, between two instants, by P."""
-    n, a, cells = p.nrows(), part(flow, p.nrows(), range(p.nrows())), abs(channel["cells"])
+    n, a, cells = p.nrows(), part(flow, p.nrows(), range(p.nrows())), channel["cells"]
+    require(0 < cells <= 1000, "a curve has 1 to 1000 cells")
     g, onto, centre = (balls(channel[name]) for name in ("generators", "onto", "centre"))
     step, full = (ends[1] - ends[0]) / cells, part((flow * tick).exp(), n, [n])
     onward, time = (flow * step).exp(), arb(step / 2, step / 2)
@@ -167,13 +196,15 @@ class Sampled:
     def __init__(self, c: Any, condition: Any, claim: Any, tick: Any) -> None:
         self.delay, self.off = numbers(claim["delay"]), numbers(claim["resolution"])
         ages = range(int(-((-self.delay[1] / tick).floor())))
+        require(len(ages) <= 100, "a delay is longer than 100 ticks")
         self.ends = [[max(0, min(tick, s - j * tick)) for s in self.delay] for j in ages]
         past, self.outer = variables("u", max(len(ages), c["predict_steps"], 1)), variables("d", 3)
         x, driven = variables("x", len(condition["flow"])), claim["disturbances"]
         y = [combined(numbers(row), x) for row in condition["readings"]]
         y = [form + Form({("rounding", "y", j): self.off[j]}) for j, form in enumerate(y)]
         heard = [u + Form({("rounding", "u", j): self.off[3]}) for j, u in enumerate(past)]
-        command, inner = controller(c, condition["gain_factor"], y, heard, stored := [*y])
+        gain = factor(c, condition["speed"])
+        command, inner = controller(c, gain, y, heard, stored := [*y])
         self.trigger, noise = int(claim["trigger"]), variables("n", len(inner))
         self.error = variables("e", 1 + self.trigger)
         self.sent = sum(self.error, command + Form({("rounding", "sent"): self.off[4]}))
@@ -244,7 +275,7 @@ def theorem(c: Any, model: Any, claim: Any, _: Any) -> dict[str, Any]:
     fine = c["law"] == 1 and not any(c["output_gain"][1:]) and min(tau, r, omega, level) >= 0
     fine &= claim["performance"] and positive(p) and positive(form * -1)
     require(fine, "the inequality does not hold")
-    return {}
+    return {"gamma_squared": level}
 
 
 def meant(content: Any, of: Any, name: str, tick: Any) -> dict[str, Any]:
@@ -254,7 +285,8 @@ def meant(content: Any, of: Any, name: str, tick: Any) -> dict[str, Any]:
     driven: Any = {"every tick": [], "event trigger": [], f"{lost} lost": [], "level": moment}
     driven |= {"level with event trigger": moment, "level without delay": moment}
     driven |= {"steered": of.get("driven") or None}
-    most += lost * tick + filtered * ("performance" in of)
+    # of a sampled loop a command acts until the next one
+    most += lost * tick + (filtered + tick) * ("performance" in of)
     delay = [str(seconds * ("without" not in name)) for seconds in (least, most)]
     about = {"delay": delay, "resolution": content["resolution"], "disturbances": driven[name]}
     return {**about, "trigger": name.endswith("trigger"), "performance": name.startswith("level")}
@@ -265,20 +297,82 @@ def digest(c: Any) -> str:
     return hashlib.sha256(json.dumps({**c, "sha256": ""}, sort_keys=True).encode()).hexdigest()
 
 
+def single(pairs: Any) -> dict[str, Any]:
+    """Return an object of a file, in which no key stands twice."""
+    require(len(dict(pairs)) == len(pairs), "a key stands twice")
+    return dict(pairs)
+
+
+def read(certificate: bytes, calibration: bytes) -> tuple[Any, Any]:
+    """Return a certificate's content and the integers of its calibration; ValueError of another."""
+    content = json.loads(certificate, object_pairs_hook=single)
+    sha256 = hashlib.sha256(calibration).hexdigest()
+    require(content["source"]["calibration_sha256"] == sha256, "the calibration is another")
+    document = tomllib.loads(calibration.decode())
+    require("stage" not in document, "a stage of its own makes the loop another one")
+    return content, document["calibration"]
+
+
+def up(number: Any) -> Decimal:
+    """Return a rational with five digits, rounded up."""
+    return UP.divide(Decimal(int(number.p)), Decimal(int(number.q)))
+
+
+def milliseconds(least: Any, most: Any) -> str:
+    """Return bounds in seconds in words, rounded outward."""
+    return f"{-up(-1000 * least)} to {up(1000 * most)} ms"
+
+
+def subject(content: Any, c: Any) -> str:
+    """Return in words what the claims are about: data that the checker takes as they are."""
+    least, most, filtered = numbers(content["delay"])
+    halves = ", ".join(str(number) for number in numbers(content["resolution"]))
+    claims = [[claim["name"] for claim in of["claims"]] for of in content["conditions"]]
+    claimed = sum("event trigger" in names for names in claims)
+    on = f"on, claimed in {claimed} of {len(claims)} conditions" if c["event_trigger"] else "off"
+    lines = [f"{key}: {content['source'][key]!a}" for key in SOURCE]
+    lines += [f"delays from sample to force: {milliseconds(least, most)}"]
+    lines += [f"and the low-pass of the roll rate: {up(1000 * filtered)} ms"]
+    lines += [f"half resolutions of roll rate, a_y, delivered moment, commands: {halves}"]
+    lines += [f"conditions: {len(claims)}", f"event trigger: {on}"]
+    return "".join(f"{line}\n" for line in lines)
+
+
+def line(of: Any, claim: Any, bounds: Any) -> str:
+    """Return a proved claim in words, its bounds rounded up."""
+    text = f"proved: {of['name']}: {claim['name']}: {milliseconds(*numbers(claim['delay']))}"
+    if claim["name"] == "steered":
+        driven = [(INPUTS[e["input"]], fmpq(e["most"])) for e in claim["disturbances"]]
+        text += "".join(f", {name} up to {up(most)}" for name, most in driven)
+    known = [(key, fmpq(claim[key])) for key in bounds]
+    if claim["performance"] and "weights" in claim:
+        known.append(("gain_squared", fmpq(claim["weights"][-1])))
+    return text + "".join(f", {key} {up(most)}" for key, most in known) + "\n"
+
+
 def check(content: Any, c: Any) -> Any:
-    """Yield every claim for the integers of a calibration once it is proved; raise otherwise."""
+    """Yield what the claims are of, then every one once it is proved of c; raise otherwise."""
     require(content["format"] == FORMAT, f"its format is not {FORMAT!r}")
     require(content["sha256"] == digest(content), "the digest does not match the contents")
     require(sorted(content["source"]) == SOURCE, "its source is incomplete")
+    fine = c["actuator"] < 2 and c["observer"] == 1 and not c["identification"]
+    require(fine, "its actuator, observer or identification makes the loop another one")
     conditions, tick = content["conditions"] + content["models"], fmpq(c["tick_us"], 1000000)
     stated = {of["name"]: [claim["name"] for claim in of["claims"]] for of in conditions}
     require(stated == content["proved"] and any(stated.values()), "its claims are not those stated")
     require(len(stated) == len(conditions), "two conditions have one name")
+    require(all(of["name"] == MODEL for of in content["models"]), "a model has another name")
+    for of in content["conditions"]:
+        name = NAME.fullmatch(of["name"])
+        fine = name and abs((int(name[3]) * 10 << 20) - of["speed"] * 36) <= 6 << 20
+        require(fine and "performance" not in of, "a condition's name is not that of its speed")
+    yield subject(content, c)
     for of, claim in [(each, claim) for each in conditions for claim in each["claims"]]:
         about = claim | meant(content, of, claim["name"], tick)
+        require(c["event_trigger"] or not about["trigger"], "the calibration has no event trigger")
         answer = (theorem if "performance" in of else proved)(c, of, about, tick)
         require(all(v <= fmpq(claim[k]) for k, v in answer.items()), "a bound is not proved")
-        yield f"proved: {of['name']}: {claim['name']}\n"
+        yield line(of, about, answer)
 
 
 if __name__ == "__main__":
@@ -286,9 +380,8 @@ if __name__ == "__main__":
         print("usage: python checker.py CERTIFICATE CALIBRATION", file=sys.stderr)
         sys.exit(2)
     sys.excepthook = lambda kind, e, _: print("not valid:", *f"{kind.__name__}: {e}".split())
-    certificate, calibration = (Path(name).read_bytes() for name in sys.argv[1:])
-    content, fields = json.loads(certificate), tomllib.loads(calibration.decode())["calibration"]
-    sha256 = hashlib.sha256(calibration).hexdigest()
-    require(content["source"]["calibration_sha256"] == sha256, "the calibration is another")
-    sys.stdout.writelines(check(content, fields))
-    print("valid: every claim is proved")
+    sys.stdout.writelines(check(*read(*(Path(name).read_bytes() for name in sys.argv[1:]))))
+    print(
+        "valid: every claim is proved of the data above; that these are the vehicle's and the "
+        "bus's is not checked"
+    )

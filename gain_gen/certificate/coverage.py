@@ -7,9 +7,10 @@ from gain_gen.analysis.family import Member
 from gain_gen.analysis.sampled_loop import spectral_radius
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from gain_gen.calibration.dequantise import dequantise
-from gain_gen.certificate.certificate import EVERY_TICK, INTEGERS, condition_of, resolutions
+from gain_gen.certificate.certificate import EVERY_TICK
 from gain_gen.certificate.claim import Wish, prove
 from gain_gen.certificate.delay_sequence import DelaySequence, closest, simulate
+from gain_gen.certificate.subject import INTEGERS, condition_of, resolutions
 from gain_gen.models.task import Task
 
 STEPS = 5
@@ -74,8 +75,8 @@ def _longest(
 ) -> float | None:
     """Return the longest delay up to which the condition is proved, by bisection."""
     integers = {name: getattr(calibration.record, name) for name in INTEGERS}
-    condition = condition_of(member, calibration.record)
-    resolution = resolutions(task.vehicle, calibration.record)
+    condition = condition_of(member)
+    resolution = resolutions(task.vehicle, calibration.record, task.resolution)
 
     def holds(most: float) -> bool:
         wish = Wish(EVERY_TICK, (delay[0], most), resolution)

@@ -1,5 +1,6 @@
 """The papers' inequalities on the roll model at the stored gain: solved, rounded, then checked.
 
+A sampled command acts until the next one: their delay is up to the longest one and a tick.
 All are one inequality: with P = X⁻¹ and Y = r⁻¹ the delay theorem of Redondo 2021, (44)–(45), is
 that of Viadero 2022 without its trigger, and without a delay it is (52). The checker takes γ²
 from the certificate, so it is a proved number for the integers as stored.
@@ -42,24 +43,28 @@ def applies(record: Calibration) -> bool:
     )
 
 
+def roll_model(model: RollModel) -> dict[str, Any]:
+    """Return the roll model's data, as yet without claims."""
+    flow = np.hstack([state_matrix(model), moment_input(model), disturbance_input(model)])
+    return {
+        "name": checker.MODEL,
+        "flow": texts(flow),
+        "performance": texts(PERFORMANCE[0]),
+        "claims": [],
+    }
+
+
 def theorems(integers: Mapping[str, Any], model: RollModel, delay: Fraction) -> dict[str, Any]:
     """Return the roll model with a claim of each inequality that holds.
 
     Args:
         integers: of the controller, :func:`applies`.
         model: design model of the vehicle.
-        delay: longest one from motion to force, s.
+        delay: longest one from motion to force, with the tick that a command acts, s.
     """
-    plant = normalise(model)
-    flow = np.hstack([state_matrix(model), moment_input(model), disturbance_input(model)])
-    content: dict[str, Any] = {
-        "name": "1-DOF roll model",
-        "flow": texts(flow),
-        "performance": texts(PERFORMANCE[0]),
-        "claims": [],
-    }
+    plant, content = normalise(model), roll_model(model)
     wanted = [(WITHOUT_DELAY, Fraction(0), False), (LEVEL, delay, False)]
-    if integers["trigger_epsilon_squared"]:
+    if integers["event_trigger"]:
         wanted.append((TRIGGER_LEVEL, delay, True))
     for name, seconds, trigger in wanted:
         of = {"trigger": trigger, "performance": True, "delay": [str(seconds), str(seconds)]}

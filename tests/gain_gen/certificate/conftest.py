@@ -38,12 +38,12 @@ def calibrated(tmp_path_factory):
 def certified(calibrated):
     """Return the certificate of an output feedback on the first two cars of the family."""
     pytest.importorskip("flint")
-    from gain_gen.certificate import certificate
+    from gain_gen.certificate import certificate, subject
 
     calibration = calibrated("hinf_delay")
     task = task_of(calibration)
     family = family_of(task)
     with pytest.MonkeyPatch.context() as patch:
         two = replace(family, members=family.members[:2])
-        patch.setattr(certificate, "family_of", lambda _: two)
+        patch.setattr(subject, "family_of", lambda _: two)
         return certificate.certify(task, calibration)

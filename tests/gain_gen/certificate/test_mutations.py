@@ -21,16 +21,15 @@ from gain_gen.analysis.actuated_car import actuated, roll_car
 from gain_gen.certificate import checker
 from gain_gen.certificate.certificate import (
     EVERY_TICK,
-    INTEGERS,
     LEVEL,
     LOST,
-    READINGS,
     STEERED,
     TRIGGER,
     TRIGGER_LEVEL,
     state,
 )
 from gain_gen.certificate.claim import MOMENT, Wish, prove, texts
+from gain_gen.certificate.subject import INTEGERS, READINGS
 from gain_gen.certificate.theorem import theorems
 
 TICK, DELAY = Fraction(1, 100), (Fraction(4, 1000), Fraction(8, 1000))
@@ -60,14 +59,14 @@ def integers(calibrated):
     return {name: getattr(record, name) for name in INTEGERS}
 
 
-def roll_model(name, gain_factor):
-    """The roll model with actuator and sensors, as a condition."""
+def roll_model(kmh):
+    """The roll model with actuator and sensors, as a condition at a speed."""
     vehicle = vehicles.load("van_real")
     car = actuated(roll_car(vehicle.design), lag=0.02, sensors=vehicle.sensors)
     inputs = [car.command / (1 << 14), car.disturbance, *[0 * car.command] * 2]
     return {
-        "name": name,
-        "gain_factor": gain_factor,
+        "name": f"{checker.MODEL}, {kmh:.0f} km/h",
+        "speed": round(kmh / 3.6 * (1 << 20)),
         "flow": texts(np.hstack([car.a, *inputs])),
         "readings": texts(car.measured[[0, 1, 3]] * READINGS[:, None]),
         "roll": texts(car.measured[2]),
@@ -98,7 +97,7 @@ def coarse():
 @pytest.fixture(scope="module")
 def small(integers, coarse):
     """The roll model behind one delay, two claims."""
-    condition = roll_model("roll model", 1 << 28)
+    condition = roll_model(80)
     for name, trigger in ((EVERY_TICK, False), (TRIGGER, True)):
         claim = prove(integers, condition, Wish(name, DELAY, RESOLUTION, trigger))
         condition["claims"].append(claim)
@@ -109,7 +108,8 @@ def small(integers, coarse):
 @pytest.fixture(scope="module")
 def several(integers, coarse):
     """Two conditions and the papers' inequalities, eight claims."""
-    first, second = roll_model("all of the gain", 1 << 28), roll_model("half of it", 1 << 27)
+    # at 7.5 km/h half of the gain has faded
+    first, second = roll_model(80), roll_model(7.5)
     every, trigger = (
         Wish(name, DELAY, RESOLUTION, name == TRIGGER) for name in (EVERY_TICK, TRIGGER)
     )
@@ -119,7 +119,7 @@ def several(integers, coarse):
     first["claims"].append(prove(integers, first, steered))
     second["claims"] = [prove(integers, second, wish) for wish in (every, lost)]
     assert all(first["claims"] + second["claims"])
-    model = theorems(integers, vehicles.load("van_real").design, DELAY[1] + Fraction(1, 500))
+    model = theorems(integers, vehicles.load("van_real").design, DELAY[1] + Fraction(1, 500) + TICK)
     assert len(model["claims"]) == 3
     return certificate([first, second], [model])
 
@@ -193,7 +193,9 @@ def true(c, content, claim):
     p = 0.5 * (p + p.T)
     off = [one(text) for text in claim["resolution"]]
     gains = np.array(c["output_gain"][:2]) / 2.0 ** c["output_gain_shift"]
-    factor = condition["gain_factor"] / 2.0**28
+    speed, points = condition["speed"], slice(c["schedule_points"])
+    factor = np.interp(speed, c["schedule_speed"][points], c["schedule_gain"][points]) / 2.0**28
+    factor *= np.interp(speed, (c["fade_low"], c["fade_high"]), (0.0, 1.0))
     law = factor * gains @ floats(condition["readings"])[:2]
     rounded = abs(factor) * (np.abs(gains) @ off[:2] + 0.5) + 0.5 + off[4]
     withheld = int(claim["trigger"])
