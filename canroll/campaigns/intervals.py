@@ -7,7 +7,7 @@ ratio against a Beta mixture is a martingale, which Ville's inequality (1939) bo
 """
 
 from dataclasses import dataclass
-from math import log
+from math import exp, log
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,8 @@ CONFIDENCE = 0.95
 MIXTURE = 0.5
 """Both parameters of the Beta mixture: Jeffreys', whose regret is least at any probability."""
 TOLERANCE = 1e-12
+LEAST = -700.0
+"""Logarithm of the least probability that is tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +50,18 @@ def always(events: int, draws: int, confidence: float = CONFIDENCE) -> Interval:
     """
     if not draws:
         return Interval(0.0, 1.0)
-    share, limit = events / draws, -log(1.0 - confidence)
+    limit = -log(1.0 - confidence)
 
-    def excess(probability: float) -> float:
-        return float(martingale(events, draws, probability)) - limit
+    def least(count: int) -> float:
+        def excess(logarithm: float) -> float:
+            return float(martingale(count, draws, exp(logarithm))) - limit
 
-    low = float(brentq(excess, TOLERANCE, share, xtol=TOLERANCE)) if events else 0.0
-    high = float(brentq(excess, share, 1.0 - TOLERANCE, xtol=TOLERANCE)) if events < draws else 1.0
-    return Interval(low, high)
+        # by its logarithm: of one event in many draws it is below any step of the probability
+        if not count:
+            return 0.0
+        return exp(brentq(excess, LEAST, log(count / draws), xtol=TOLERANCE))
+
+    return Interval(least(events), 1.0 - least(draws - events))
 
 
 def martingale(events: ArrayLike, draws: ArrayLike, probability: float) -> NDArray[np.float64]:

@@ -48,6 +48,17 @@ def test_the_sequence_is_where_the_martingale_is_below_its_bound():
     assert (always(0, 0).low, always(0, 0).high) == (0.0, 1.0)
 
 
+@pytest.mark.parametrize("draws", [3_000_000, 10_000_000, 10**12])
+def test_one_event_in_very_many_draws_has_an_interval(draws):
+    for events in (1, draws - 1):
+        found = always(events, draws)
+        assert 0.0 <= found.low < events / draws < found.high <= 1.0
+    rare = always(1, draws)
+    assert 0.0 < rare.low < 1e-3 / draws
+    assert martingale(1, draws, rare.low) == pytest.approx(np.log(20), abs=1e-6)
+    assert 5.0 / draws < rare.high < 30.0 / draws
+
+
 def test_the_sequence_stops_later_than_the_exact_interval_is_as_narrow():
     for events, draws in ((0, 500), (5, 1000), (300, 2000)):
         assert always(events, draws).width > exact(events, draws).width
