@@ -92,15 +92,15 @@ def test_keys_of_a_design_and_of_its_margins(tmp_path, capsys):
 def test_keys_of_a_certificate(tmp_path, capsys, monkeypatch):
     """They are those of two cars of the family as of all."""
     pytest.importorskip("flint")
-    from gain_gen.certificate import certificate
+    from gain_gen.certificate import subject
 
-    family_of = certificate.family_of
+    family_of = subject.family_of
 
     def of_two(task):
         family = family_of(task)
         return replace(family, members=family.members[:2])
 
-    monkeypatch.setattr(certificate, "family_of", of_two)
+    monkeypatch.setattr(subject, "family_of", of_two)
     assert cli.main(["design", "--law", "hinf_delay", "--out", str(tmp_path), "--json"]) == 0
     capsys.readouterr()
     assert cli.main(["certify", str(tmp_path / "calibration.toml"), "--json"]) == 0

@@ -41,7 +41,7 @@ LABELS = {
     "schedule_gain_margin_db": "gain margin between scheduled speeds",
     "schedule_peak_sensitivity": "peak sensitivity between scheduled speeds",
     "least_schedule_factor": "least factor of the speed schedule",
-    "certified_speed_rate": "largest certified acceleration (m/s²)",
+    "checked_speed_rate": "largest acceleration, on a grid (m/s²)",
     "quantised_response": "fixed point: error of the response",
     "quantised_moment_nm": "fixed point: error of the moment",
     "lmi_level": "largest eigenvalue of the inequality",

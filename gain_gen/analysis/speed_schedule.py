@@ -113,18 +113,18 @@ def scheduled(controller: Controller, limits: tuple[float, ...], scale: float) -
 
 
 def with_speed_rate(answer: Design) -> Design:
-    """Return a design with ``certified_speed_rate`` among its numbers, if scheduled and verified.
+    """Return a design with ``checked_speed_rate`` among its numbers, if scheduled and verified.
 
     It takes as long as a fifth to a third of the design, and no check and no run depends on it.
     """
     if not answer.is_verified or "least_schedule_factor" not in answer.margins:
         return answer
     of = (answer.task, answer.controller)
-    rate = kept("speed_rates", made_of(*of), lambda: certified_speed_rate(*of))
-    return replace(answer, margins={**answer.margins, "certified_speed_rate": rate})
+    rate = kept("speed_rates", made_of(*of), lambda: checked_speed_rate(*of))
+    return replace(answer, margins={**answer.margins, "checked_speed_rate": rate})
 
 
-def certified_speed_rate(task: Task, controller: Controller) -> float:
+def checked_speed_rate(task: Task, controller: Controller) -> float:
     """Return the largest rate of speed change, m/s², at which Lyapunov functions keep decaying.
 
     Piecewise Lyapunov functions x'P_i x at speeds v_i: P_i decays in every tick from v_(i−1) to

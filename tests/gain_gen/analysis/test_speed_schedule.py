@@ -14,7 +14,7 @@ from gain_gen.analysis.family import Condition, family
 from gain_gen.analysis.speed_schedule import (
     GAIN_MARGIN_DB,
     PEAK_SENSITIVITY,
-    certified_speed_rate,
+    checked_speed_rate,
     largest_factor,
     speeds_of,
     with_speed_rate,
@@ -77,7 +77,7 @@ def test_a_speed_that_changes_as_certified_does_no_harm():
     """A linear car that brakes and speeds up again, its loop that of each tick's speed."""
     given = task()
     controller = design("steering_lead", given).controller
-    rate = certified_speed_rate(given, controller)
+    rate = checked_speed_rate(given, controller)
     assert 9.81 < rate < 30.0
     speeds = np.arange(SPEEDS[0], 30.0, 0.25)
     cars = family(
@@ -102,10 +102,10 @@ def test_a_speed_that_changes_as_certified_does_no_harm():
 
 def test_the_rate_is_a_number_of_scheduled_designs_alone():
     scheduled = design("steering_lead", task())
-    assert "certified_speed_rate" not in scheduled.margins
+    assert "checked_speed_rate" not in scheduled.margins
     shown = with_speed_rate(scheduled)
-    expected = certified_speed_rate(scheduled.task, scheduled.controller)
-    assert dict(shown.margins) == {**scheduled.margins, "certified_speed_rate": expected}
+    expected = checked_speed_rate(scheduled.task, scheduled.controller)
+    assert dict(shown.margins) == {**scheduled.margins, "checked_speed_rate": expected}
     refused = replace(scheduled, verified={"any": Check(1.0, 0.0, ok=False)})
     unscheduled = replace(scheduled, margins={"gain_db": 9.0})
     for answer in (refused, unscheduled):
@@ -115,4 +115,4 @@ def test_the_rate_is_a_number_of_scheduled_designs_alone():
 def test_an_unstable_loop_is_certified_for_nothing():
     given = task()
     controller = scaled_controller(LAWS["steering_lead"](given).controller, 30.0)
-    assert certified_speed_rate(given, controller) == 0.0
+    assert checked_speed_rate(given, controller) == 0.0
