@@ -132,15 +132,15 @@ def _compared(args: argparse.Namespace, calibration: LoadedCalibration) -> int:
     print(done.stdout, end="")
     if done.returncode:
         return 1
-    found = list(comparison.differences(json.loads(text), task, calibration))
-    for difference in found:
+    differences = list(comparison.differences(json.loads(text), task, calibration))
+    for difference in differences:
         print(f"not that of {task.vehicle.reference} and its bus: {difference}")
-    if not found:
+    if not differences:
         print(
             f"compared: car, delays, resolutions and bounds of steering are those of "
             f"{task.vehicle.reference} and its bus"
         )
-    return 1 if found else 0
+    return 1 if differences else 0
 
 
 def _certificate(out: Path | None, calibration: LoadedCalibration) -> Path:

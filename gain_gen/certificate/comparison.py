@@ -45,7 +45,8 @@ def differences(
             yield f"{key} is {content['source'][key]}, not {value}"
     for key in ("delay", "resolution"):
         if not _same(content[key], expected[key]):
-            yield f"{key} is {', '.join(content[key])}, not {', '.join(expected[key])}"
+            stated, anew = (_numbers(of[key]).tolist() for of in (content, expected))
+            yield f"{key} is {stated}, not {anew}"
     yield from _others(content["conditions"], expected["conditions"], OF_A_CONDITION)
     yield from _others(content["models"], expected["models"], OF_A_MODEL)
     given = {of["name"]: of for of in content["conditions"]}

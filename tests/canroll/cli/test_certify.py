@@ -4,12 +4,14 @@ import copy
 import json
 import sys
 import tomllib
+from dataclasses import replace
 
 import pytest
 
 pytest.importorskip("flint")
 
 from canroll.cli import main as cli
+from codegen.run.memory_image import sealed
 from gain_gen.calibration import calibration_file
 from gain_gen.certificate import checker
 
@@ -26,8 +28,6 @@ def louder(calibration, path, shift):
     loaded = calibration_file.load(calibration)
     record = copy.deepcopy(loaded.record)
     record.output_gain_shift -= shift
-    from codegen.run.memory_image import sealed
-
     calibration_file.save(path, sealed(record), loaded.tables)
     return path
 
@@ -53,6 +53,58 @@ def test_a_stable_loop_is_proved_and_its_file_checked(calibration, capsys):
     assert out.endswith(f"written: {path}\n")
     integers = tomllib.loads(calibration.read_text())["calibration"]
     assert len(list(checker.check(json.loads(path.read_text()), integers))) > 40
+
+    check = ["certify", "--check", str(path), str(calibration)]
+    assert cli.main(check) == 0
+    out = capsys.readouterr().out.splitlines()
+    assert out[-2].startswith("valid: every claim is proved of the data above; ")
+    assert out[-1].startswith("compared: car, delays, resolutions and bounds of steering are those")
+    assert cli.main([*check, "--bus", "gateway_20ms"]) == 1
+    out = capsys.readouterr().out
+    assert "\nnot that of van_real and its bus: delay is [0.0024" in out
+    assert "compared" not in out
+
+
+def test_what_is_no_certificate_is_not_valid(calibration, tmp_path, capsys):
+    path = tmp_path / "certificate.json"
+    assert cli.main(["certify", "--check", str(path), str(calibration)]) == 2
+    assert f"cannot read certificate {path}: No such file" in capsys.readouterr().err
+    path.write_text("{}")
+    assert cli.main(["certify", "--check", str(path), str(calibration)]) == 1
+    assert capsys.readouterr().out.startswith("not valid: ")
+    assert cli.main(["certify", "--check", str(path), "--json", str(calibration)]) == 2
+    assert "--json: --check prints what the checker prints" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_proof_of_a_loop_that_does_not_run_is_none(calibration, tmp_path, monkeypatch, capsys):
+    """One and a half times the gain: proved with a command every tick, not with its trigger."""
+    from gain_gen.certificate import subject
+
+    family_of = subject.family_of
+
+    def one(task):
+        family = family_of(task)
+        return replace(family, members=family.members[3:4])
+
+    monkeypatch.setattr(subject, "family_of", one)
+    loaded = calibration_file.load(calibration)
+    record = copy.deepcopy(loaded.record)
+    record.output_gain = [3 * record.output_gain[0] // 4, 0, 0]
+    record.output_gain_shift -= 1
+    path = tmp_path / "calibration.toml"
+    calibration_file.save(path, sealed(record), loaded.tables)
+    assert cli.main(["certify", str(path)]) == 1
+    first, second = capsys.readouterr().out.splitlines()[:2]
+    assert first == (
+        "NOT PROVED: hinf_delay for van_real with its event trigger, as it runs: no proof in 1 of "
+        "1 conditions; design with --trigger every for the loop of the next line"
+    )
+    assert second.startswith("proved: hinf_delay for van_real is stable for every sequence of ")
+    assert cli.main(["certify", str(path), "--json"]) == 1
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["proved"], answer["every_tick_proved"]) == (False, True)
+    assert answer["trigger_proved"] is False
 
 
 @pytest.mark.slow

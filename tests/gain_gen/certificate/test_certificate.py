@@ -14,6 +14,8 @@ from flint import fmpq
 from scipy.linalg import expm
 
 from canroll.errors import CanrollError
+from firmware.schedule import schedule
+from firmware.state import RX_VEHICLE_MOTION, Ecu
 from gain_gen.analysis.family import family_of
 from gain_gen.analysis.sampled_loop import spectral_radius
 from gain_gen.calibration.dequantise import dequantise
@@ -27,9 +29,19 @@ from gain_gen.certificate.certificate import (
     TRIGGER_LEVEL,
     certify,
 )
-from gain_gen.certificate.claim import MOMENT, Wish, prove, prove_level, texts, uncertain
+from gain_gen.certificate.claim import (
+    MOMENT,
+    READ,
+    STEERING,
+    Wish,
+    prove,
+    prove_level,
+    texts,
+    uncertain,
+)
 from gain_gen.certificate.coverage import shortfall
 from gain_gen.certificate.delay_sequence import simulate
+from gain_gen.certificate.disturbed import disturbances
 from gain_gen.certificate.subject import INTEGERS, condition_of, resolutions
 from gain_gen.laws.rate_gain import free_peak
 from gain_gen.laws.roll_rate_feedback import exact_gamma, open_loop_gamma
@@ -375,6 +387,34 @@ def test_of_a_drawn_car_stability_is_certified(calibrated, monkeypatch):
     assert [claim["name"] for claim in other["claims"]] == [EVERY_TICK]
     assert other["name"].startswith("draw 1 of the fit")
     assert {EVERY_TICK, TRIGGER, STEERED} <= {claim["name"] for claim in own["claims"]}
+
+
+def test_the_ecu_reads_no_more_of_the_steering_than_its_bound(calibrated):
+    """By the schedule of the calibration, which has 1.3 % more at 40 km/h than the car at it."""
+    calibration = calibrated("hinf_delay")
+    task, ecu = task_of(calibration), Ecu()
+    ecu.fresh[RX_VEHICLE_MOTION] = 1
+    for member in family_of(task).members:
+        bound = disturbances(member, task, calibration.record, 4.0)
+        wheel = bound[STEERING] * task.vehicle.steering.ratio + 0.5 * task.resolution.steering
+        ecu.speed = round(member.condition.speed * 2**20)
+        ecu.steering = math.ceil(wheel * 2**24)
+        schedule(ecu, calibration.record)
+        read = abs(ecu.steering_acceleration)
+        assert read <= bound[READ] <= 1.00001 * read + 100
+
+
+def test_forces_for_other_tracks_are_refused(calibrated):
+    calibration = copy.deepcopy(calibrated("hinf_delay"))
+    calibration.record.actuator = 0
+    task = task_of(calibration)
+    assert subject.subject(task, calibration)
+    geometry = replace(task.vehicle.geometry, half_track_rear=0.9)
+    wider = replace(task, vehicle=replace(task.vehicle, geometry=geometry))
+    with pytest.raises(
+        CanrollError, match="its forces are for other tracks than those of van_real"
+    ):
+        subject.subject(wider, calibration)
 
 
 def test_steering_drives_no_stored_value_beyond_its_limit(certified, calibrated):

@@ -198,8 +198,11 @@ def test_the_comparison_finds_what_the_checker_takes_as_it_is(honest, calibrated
 
     assert found(lambda _: None) == []
     for change, words in (
-        (lambda c: c.update(delay=["1/1000", *c["delay"][1:]]), "delay is 1/1000, "),
-        (lambda c: c.update(resolution=["0"] * 5), "resolution is 0, 0, 0, 0, 0, not "),
+        (lambda c: c.update(delay=["1/1000", *c["delay"][1:]]), "delay is [0.001, "),
+        (
+            lambda c: c.update(resolution=["0"] * 5),
+            "resolution is [0.0, 0.0, 0.0, 0.0, 0.0], not [5867.0, ",
+        ),
         (
             lambda c: c["conditions"].pop(),
             "empty, 80 km/h, curve of 3.2 m/s², friction 0.5: is mis",
