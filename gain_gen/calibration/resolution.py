@@ -2,6 +2,7 @@
 
 from dataclasses import fields
 from functools import cache
+from math import ldexp
 
 import dbc
 from canroll.errors import CanrollError
@@ -33,7 +34,7 @@ def of_bus(bus: BusMap) -> Resolution:
 def _step(signal: MappedSignal) -> float:
     """Return the step of a signal in its field's unit; of a real one that of its largest value."""
     units = signal.place.hi / 2**MANTISSA if signal.real else float(abs(signal.scale))
-    return units / 2**signal.place.q
+    return ldexp(units, -signal.place.q)
 
 
 def of_calibration(calibration: LoadedCalibration) -> Resolution | None:
