@@ -404,6 +404,24 @@ def test_the_ecu_reads_no_more_of_the_steering_than_its_bound(calibrated):
         assert read <= bound[READ] <= 1.00001 * read + 100
 
 
+@pytest.mark.slow
+def test_the_roll_model_alone_is_a_condition_beside_the_model_of_the_papers(
+    calibrated, monkeypatch
+):
+    """Of a data sheet without a linear car; both once had one name, which the checker refuses."""
+
+    def no_car(*_, **__):
+        raise CanrollError("no car")
+
+    calibration = calibrated("hinf_delay")
+    monkeypatch.setattr("gain_gen.analysis.family.family", no_car)
+    content = certify(task_of(calibration), calibration).content
+    integers = {name: getattr(calibration.record, name) for name in INTEGERS}
+    claims = list(checker.check(content, integers))[1:]
+    assert claims[0].startswith("proved: 1-DOF roll model, 80 km/h: every tick: ")
+    assert claims[-1].startswith("proved: 1-DOF roll model: level")
+
+
 def test_forces_for_other_tracks_are_refused(calibrated):
     calibration = copy.deepcopy(calibrated("hinf_delay"))
     calibration.record.actuator = 0
