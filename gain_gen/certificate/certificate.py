@@ -16,7 +16,8 @@ tick:
     of the first condition: the mean-square gain from a held roll moment to the roll angle.
 
 Claims of the 1-DOF roll model are the papers' inequalities (:mod:`gain_gen.certificate.theorem`):
-``level without delay``, ``level`` with every delay up to the longest, and that with the trigger.
+``level without delay``, ``level`` with every delay up to the longest and a tick, and that with the
+trigger.
 """
 
 import math

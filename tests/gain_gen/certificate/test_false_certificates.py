@@ -205,7 +205,7 @@ def test_the_comparison_finds_what_the_checker_takes_as_it_is(honest, calibrated
         ),
         (
             lambda c: c["conditions"].pop(),
-            "empty, 80 km/h, curve of 3.2 m/s², friction 0.5: is mis",
+            "empty, 80 km/h, curve of 3.2 m/s², friction 0.5: is ",
         ),
         (lambda c: c["conditions"][2].update(speed=1), "laden, 120 km/h: speed is another"),
         (lambda c: _slightly(c["conditions"][1]["flow"][3]), "laden, 40 km/h: flow is another"),
