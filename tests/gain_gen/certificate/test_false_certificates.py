@@ -138,6 +138,15 @@ def test_no_name_can_be_read_as_another(honest, integers, name):
     assert "not that of its speed" in refusal(signed(content), integers)
 
 
+def test_no_condition_passes_for_the_model_of_the_papers(honest, integers):
+    """Its name would say no speed, at which all has faded."""
+    content = copy.deepcopy(honest)
+    content["models"], content["conditions"] = content["conditions"], []
+    content["models"][0]["name"] = checker.MODEL
+    content["proved"] = {checker.MODEL: content["proved"].popitem()[1]}
+    assert "a model is none of the papers'" in refusal(signed(content), integers)
+
+
 def test_no_text_of_the_source_makes_a_line(honest, integers):
     content = copy.deepcopy(honest)
     content["source"]["vehicle"] = "van_real\nproved: all of it"
