@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from contextvars import ContextVar
 from functools import cached_property
 from hashlib import sha256
 from importlib.metadata import EntryPoint, entry_points
@@ -10,10 +11,12 @@ from pkgutil import resolve_name
 from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 from canroll import extension
-from canroll.errors import UnknownNameError
+from canroll.errors import CanrollError, UnknownNameError
 
 Thing = TypeVar("Thing")
 BUILT_IN = "built in"
+TRUST: ContextVar[bool] = ContextVar("trust", default=False)
+"""Whether code that a file names may be executed: ``--trust``."""
 _RATES = re.compile(r"@[\d/]+$")
 
 
@@ -94,6 +97,23 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
             return cast(Thing, thing)
         accept: Callable[[str, Any], Thing] = resolve_name(self._accept)
         return accept(what, thing)
+
+    def refuse_code(self, name: object, where: str) -> None:
+        """Refuse a name that stands in a file if it is code: what is opened executes nothing.
+
+        Names built in, of packages and data files are none, nor is what is loaded already.
+
+        Raises:
+            CanrollError: it is, and files are not trusted; the message begins with ``where``.
+        """
+        if TRUST.get() or not isinstance(name, str) or self._reader(name):
+            return
+        known = name in self._built_in or name in self._loaded or name in self._offered
+        if not known and extension.is_reference(name):
+            raise CanrollError(
+                f"{where}: {self.what} '{name}' is code, which a file may not name: "
+                "add --trust to execute it"
+            )
 
     def _reader(self, name: object) -> str:
         """Return "module:function" of the reader of a data file, or "" if ``name`` is not one."""

@@ -3,9 +3,11 @@
 import json
 import random
 import shutil
+import tomllib
 
 import numpy as np
 import pytest
+import tomli_w
 from scipy.io import savemat
 
 import vehicles
@@ -52,6 +54,39 @@ def test_a_damaged_file_is_read_or_refused(form, good, tmp_path):
     source = random.Random(name_of(form))
     for n in range(COSTLY if form.costly else ROUNDS):
         formats.refusal(form, formats.damage(form, good, tmp_path / str(n), source))
+
+
+def leaves(tree):
+    """Yield what holds each text below a document, and its key or number there."""
+    for key in list(tree) if isinstance(tree, dict) else range(len(tree)):
+        if isinstance(tree[key], str):
+            yield tree, key
+        elif isinstance(tree[key], dict | list):
+            yield from leaves(tree[key])
+
+
+WRITTEN = {".toml": (tomllib.loads, tomli_w.dumps), ".json": (json.loads, json.dumps)}
+TREES = [form for form in formats.FORMATS if form.file[-5:] in WRITTEN]
+
+
+@pytest.mark.parametrize("form", TREES, ids=name_of)
+def test_a_file_that_names_code_executes_none(form, good, tmp_path, monkeypatch):
+    """Whatever text in it is that of a function in a file, and whoever reads it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "trap.py").write_text("open('sprung', 'w')\nthing = 1\n")
+    path = tmp_path / "file" / form.file
+    shutil.copytree(good / form.folder, path.parent)
+    read, write = WRITTEN[path.suffix]
+    content = (good / form.name).read_text(encoding="utf-8")
+    for n in range(len(list(leaves(read(content))))):
+        tree = read(content)
+        holder, key = list(leaves(tree))[n]
+        holder[key] = "trap.py:thing"
+        path.write_text(write(tree), encoding="utf-8")
+        if form.mend is not None:
+            form.mend(path)
+        formats.refusal(form, path)
+        assert not (tmp_path / "sprung").exists(), key
 
 
 def test_the_loop_finds_what_a_reader_lets_through(good, tmp_path):

@@ -25,6 +25,7 @@ from canroll.runs.experiment import plan as plan_run
 from canroll.setup.choices import CHOICES, PASSIVE
 from canroll.studies.variation import CONDITIONS
 from plant_sim.bodies import own_body
+from plant_sim.buses import BUSES
 from plant_sim.driving import MANEUVERS
 
 SCHEMA = 1
@@ -184,6 +185,7 @@ def load(
     scenario = table.get("scenario")
     if not isinstance(scenario, str) or scenario not in MANEUVERS:
         raise UnknownNameError(f"scenario of {path}:", str(scenario), MANEUVERS)
+    MANEUVERS.refuse_code(scenario, str(path))
     method = table.get("sampling", RANDOM)
     if method not in SAMPLINGS:
         raise UnknownNameError(f"sampling of {path}:", str(method), SAMPLINGS)
@@ -194,6 +196,9 @@ def load(
     first = table.get("seed", 0) if seed is None else seed
     draw = {name: read(value, f"{path} [draw] {name}") for name, value in _flat(drawn)}
     places = {name: f"{path} [draw] {name}" for name in draw}
+    for name, registry in {"scenario": MANEUVERS, "bus": BUSES}.items():
+        for value in draw[name].extremes() if name in draw else ():
+            registry.refuse_code(value, places[name])
     if FAULTS in draw:
         raise CanrollError(f"{path} [draw] faults: faults have their own table [faults]")
     if "faults" in table:
@@ -265,10 +270,7 @@ def _choices(table: Mapping[str, Any], where: str) -> dict[str, Any]:
             raise CanrollError(f"{where} {name}: {value!r} is not {word}")
         if choice.kind is float and not is_number(value):
             raise CanrollError(f"{where} {name}: {value!r} must be finite")
-        try:
-            choice.check(value)
-        except CanrollError as error:
-            raise CanrollError(f"{where} {name}: {error}") from error
+        choice.check_in_file(value, f"{where} {name}")
         choices[name] = value
     return choices
 

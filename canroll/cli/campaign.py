@@ -4,6 +4,7 @@ import argparse
 import json
 import shlex
 from pathlib import Path
+from typing import Any
 
 from canroll.campaigns import campaign_file, page, store, study
 from canroll.campaigns.events import EVENTS
@@ -16,12 +17,15 @@ from canroll.cli.options import DEFAULT_SCENARIO, choices_of, folder_of, scenari
 from canroll.cli.run import answer
 from canroll.cli.study_parsers import DEFAULT_DRAWS
 from canroll.errors import CanrollError, UnknownNameError
+from canroll.registry import Registry
 from canroll.report.run_folder import write_page
 from canroll.report.staging import page_folder, usable_folder
 from canroll.runs import conditions, experiment
 from canroll.runs.metrics import BY_KEY
+from canroll.setup.choice import several
 from canroll.setup.choices import CHOICES
 from canroll.studies import variation
+from plant_sim.driving import MANEUVERS
 
 CHUNKS = "campaign"
 """Folder of the chunks in the output folder."""
@@ -252,9 +256,18 @@ def _merge(args: argparse.Namespace) -> int:
     if not folders:
         raise CanrollError("merge: name the --out folders of the shards")
     arguments = store.plan_in(folders[0]).get(store.ARGUMENTS)
-    if not isinstance(arguments, list) or not all(isinstance(word, str) for word in arguments):
+    if (
+        not isinstance(arguments, list)
+        or not all(isinstance(word, str) for word in arguments)
+        or arguments[:1] != ["campaign"]
+    ):
         raise CanrollError(f"{folders[0]}: plan.json records no command line: run a shard again")
     planned = parse(arguments)
+    registries: dict[str, Registry[Any]] = {"what": MANEUVERS}
+    registries |= {c.name: c.extensible for c in CHOICES.values() if c.extensible is not None}
+    for name, registry in registries.items():
+        for value in several(getattr(planned, name) or ()):
+            registry.refuse_code(value, str(folders[0] / store.PLAN))
     planned.out, planned.json, planned.jobs = args.out, args.json, args.jobs
     planned.shard, planned.resume = None, True
     plan = _request(planned).plan()

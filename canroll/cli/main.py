@@ -95,6 +95,11 @@ def dispatch(arguments: Sequence[str]) -> int:
         print(f"canroll {_version()}")
         return 0
     mdf.put_off()
+    # as the table of choices in parse
+    from canroll.registry import TRUST  # noqa: PLC0415
+
+    # here and not in parse, which reads the command lines in files too
+    TRUST.set("--trust" in arguments)
     namespace = parse(arguments)
     code: int = resolve_name(handler(arguments[0]))(namespace)
     sys.stdout.flush()

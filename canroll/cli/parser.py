@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 from canroll.errors import CanrollError
 from canroll.setup.choices import CHOICES
 
-RARE = frozenset(choice.name for choice in CHOICES.values() if choice.rare)
+RARE = frozenset(("trust", *(choice.name for choice in CHOICES.values() if choice.rare)))
 
 
 class UsageError(CanrollError):
@@ -53,6 +53,7 @@ class Parser(argparse.ArgumentParser):
         self._given: set[str] = set()
         super().__init__(**{**options, "allow_abbrev": False})
         self.add_argument("--help-all", action=_HelpAll, help="show the rare options too")
+        self.add_argument("--trust", action="store_true", help="execute code that files name too")
 
     def add_argument(
         self,

@@ -1,6 +1,7 @@
 """``canroll.toml``: options that each command in a folder takes as if they were written there."""
 
 import os
+import re
 import sys
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -9,10 +10,13 @@ from typing import Any
 
 from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reading
+from canroll.registry import TRUST
 from canroll.setup.choices import CHOICES, PROJECT_FILE
 from canroll.setup.words import arguments
+from plant_sim.bodies import BODIES
 
 FILE = "canroll.toml"
+FMU = re.compile(r"(?i)\.fmu(#|$)")
 BY_KEY = {choice.word: choice for choice in CHOICES.values()}
 
 
@@ -59,9 +63,11 @@ def _read(path: Path) -> dict[str, Any]:
         is_list = choice.repeated and isinstance(value, list)
         if choice.kind in (str, Path) and not (isinstance(value, str) or is_list):
             raise CanrollError(f"{path}: {key} = {value!r}: must be a text")
-        try:
-            choice.check(value)
-        except CanrollError as error:
-            raise CanrollError(f"{path}: {error}") from error
+        choice.check_in_file(value, str(path))
+        if choice.extensible is BODIES and FMU.search(value) and not TRUST.get():
+            raise CanrollError(
+                f"{path}: plant '{value}' is a program, which a file may not name: "
+                "add --trust to execute it"
+            )
         values[choice.name] = value
     return values

@@ -22,6 +22,9 @@ from canroll.runs.virtual_time import RUN_TIME_NS
 from canroll.setup.controller import COMMANDS, PreparedController
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
+from plant_sim.bodies import BODIES
+from plant_sim.buses import BUSES
+from plant_sim.driving import MANEUVERS
 from plant_sim.world import archive
 from plant_sim.world.spool import Rows, as_columns
 
@@ -155,6 +158,8 @@ def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:
         fingerprint=data[VEHICLE],
         where=f"{loaded.path.parent / RESULT}: {DOCUMENT}",
     )
+    for registry, name in ((MANEUVERS, "scenario"), (BODIES, "plant"), (BUSES, "bus")):
+        registry.refuse_code(data[name], str(loaded.path.parent / RESULT))
     phase = data["phase_ms"]["chosen"]
     return Settings.of(
         {name: data[name] for name in SAVED},

@@ -8,7 +8,7 @@ from typing import Any
 
 from canroll.arguments import require
 from canroll.errors import CanrollError, UnknownNameError
-from canroll.extension import is_reference
+from canroll.registry import Registry
 
 ON, OFF = ("on", "true", "1"), ("off", "false", "0")
 
@@ -23,7 +23,7 @@ class Choice:
         of: "world", "controller" or "run": what it belongs to.
         default: default value; None if it depends on other choices.
         values: the allowed names, read when needed; none: any text.
-        extensible: whether "file.py:name" or "module:name" is allowed as well.
+        extensible: registry of the names, where "file.py:name" or "module:name" is one as well.
         unit: unit of a number.
         low: least number.
         high: largest number.
@@ -42,7 +42,7 @@ class Choice:
     of: str
     default: Any = None
     values: Callable[[], Iterable[str]] = tuple
-    extensible: bool = False
+    extensible: Registry[Any] | None = None
     unit: str = ""
     low: float = -inf
     high: float = inf
@@ -69,7 +69,7 @@ class Choice:
         """
         self._check_kind(value)
         known = tuple(self.values())
-        refers = self.extensible and (is_reference(value) or value in self.values())
+        refers = self.extensible is not None and value in self.extensible
         if known and value not in known and not refers:
             if isinstance(value, str) and Path(value).suffix and Path(value).is_file():
                 suffixes = ", ".join(getattr(self.values(), "suffixes", ()))
@@ -89,6 +89,19 @@ class Choice:
             require(self.name, value, self.hint)
         elif not isinstance(value, str | Path):
             raise CanrollError(f"{self.name}={value!r}: must be a name")
+
+    def check_in_file(self, value: Any, where: str) -> None:  # noqa: ANN401
+        """Reject an invalid value that stands in a file, and a name that is code.
+
+        Raises:
+            CanrollError: the message begins with ``where``.
+        """
+        try:
+            self.check(value)
+        except CanrollError as error:
+            raise CanrollError(f"{where}: {error}") from error
+        if self.extensible is not None:
+            self.extensible.refuse_code(value, where)
 
     def read(self, text: str) -> Any:  # noqa: ANN401
         """Return the value given by ``text``.

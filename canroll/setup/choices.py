@@ -66,7 +66,7 @@ class Choices(TypedDict, total=False):
             of=CONTROLLER,
             default="steering_lead",
             values=lambda: (*LAWS, PASSIVE),
-            extensible=True,
+            extensible=LAWS,
             frozen_in_calibration=True,
         ),
     ]
@@ -120,7 +120,7 @@ class Choices(TypedDict, total=False):
             of=WORLD,
             default="nonlinear",
             values=lambda: BODIES,
-            extensible=True,
+            extensible=BODIES,
         ),
     ]
     bus: Annotated[
@@ -132,7 +132,7 @@ class Choices(TypedDict, total=False):
             of=WORLD,
             default="500k",
             values=lambda: BUSES,
-            extensible=True,
+            extensible=BUSES,
         ),
     ]
     dbc: Annotated[
