@@ -191,7 +191,7 @@ class Emitter:
         )
 
     def _source(self, module: Module, functions: list[Function]) -> str:
-        lines = [f"/* Generated from {module.path.name}. */"]
+        lines = [f"/* Generated from {plain(module.path.name)}. */"]
         lines.append(f'#include "canroll_{module.name}.h"')
         bodies = [self._function(module, function) for function in functions]
         text = "\n".join(line for body in bodies for line in body)

@@ -1,5 +1,6 @@
 """C text: declarations, comments, line breaks."""
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -42,9 +43,10 @@ def declaration(kind: str, name: str, shape: Sequence[int | str]) -> str:
 
 def plain(text: str) -> str:
     """Text for a C comment: ASCII, no markup, nothing that would end the comment."""
-    text = text.replace("``", "").replace(":func:", "").replace("`", "'")
-    text = text.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
-    return text.translate(_ASCII).encode("ascii", "replace").decode()
+    text = text.replace("``", "").replace(":func:", "").replace("`", "'").replace("\\", "/")
+    text = text.translate(_ASCII).encode("ascii", "replace").decode()
+    text = re.sub(r"\?\?+", "?", text)  # of two C99 makes other characters: a trigraph
+    return text.replace("*/", "* /").replace("/*", "/ *")
 
 
 def comment(text: str, indent: str = "") -> list[str]:

@@ -17,7 +17,7 @@ from canroll.errors import CanrollError, UnknownNameError, reason
 from codegen.c99.emit import Emitter
 from codegen.frame.checksum import PREFIX, OwnChecksum
 from codegen.proof.prove import prove
-from codegen.subset import rules
+from codegen.subset import grammar, rules
 from codegen.subset.parse import load
 from codegen.subset.program import PACKAGE, RUNTIME, Module, SubsetError, Type, copy_sources
 
@@ -114,12 +114,7 @@ def _proved(path: Path, source: str, name: str, where: str) -> OwnChecksum:
 
 def _refuse_imports(path: Path, source: str) -> None:
     """Refuse all imports but the subset's words: the function has nothing but the frame."""
-    try:
-        tree = ast.parse(source)
-    except (SyntaxError, ValueError) as error:
-        line = getattr(error, "lineno", None) or 1
-        raise SubsetError(path, line, getattr(error, "msg", str(error))) from error
-    for node in tree.body:
+    for node in grammar.parsed(path, source).body:
         if isinstance(node, ast.ImportFrom) and node.module not in (
             f"{PACKAGE}.{RUNTIME}",
             "typing",

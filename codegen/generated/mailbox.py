@@ -1,6 +1,7 @@
 """One mailbox of the firmware: the frame in it, its signals, fields, pages and protection."""
 
 import math
+import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -116,7 +117,8 @@ class Mailbox:
     @property
     def identified(self) -> str:
         """Name and identifier of the frame."""
-        return f"{self.name} (0x{self.ident:X})"
+        name = re.sub(r"\W", "_", self.name)  # in a text of code: formats allow any character
+        return f"{name} (0x{self.ident:X})"
 
     def count(self, payload: Sequence[int]) -> int:
         """The counter in a frame; 0 where it has none."""

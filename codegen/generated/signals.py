@@ -6,6 +6,7 @@ writes (or compares) the checked-in module for ``dbc/roll_control.dbc``.
 """
 
 import argparse
+import re
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -92,7 +93,7 @@ def generate(files: Files = DBC, map_file: Path = MAP) -> str:
     slots = sorted([f"RX_{s.upper()}" for s in RECEIVED] + [f"TX_{s.upper()}" for s in TRANSMITTED])
     imports = "".join(f"    {name},\n" for name in ["NO_SAMPLE", *slots, "Ecu"])
     lines = HEADER.format(
-        names=file_names(files),
+        names=re.sub(r'["\\\n]', "_", file_names(files)),
         imports=f"(\n{imports})",
         float32=_float32(bus),
         unsigned="to_u32, " if "code_of" in _float32(bus) else "",

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from codegen.generated.own_stage import NAME, OwnStage
 from codegen.proof.stage_rules import STATE
+from codegen.subset import grammar
 from codegen.subset.parse import load
 from codegen.subset.program import FIRMWARE, Module, RecordField, SubsetError, copy_sources
 from codegen.subset.rules import C_WORDS
@@ -29,11 +30,7 @@ def modules(stage: OwnStage) -> dict[str, str]:
         SubsetError: not a stage; the message names file and line.
     """
     path = stage.path
-    try:
-        tree = ast.parse(stage.source)
-    except (SyntaxError, ValueError) as error:
-        line = getattr(error, "lineno", None) or 1
-        raise SubsetError(path, line, getattr(error, "msg", str(error))) from error
+    tree = grammar.parsed(path, stage.source)
     own = _record(path, tree)
     parsed = _parsed(stage)
     replaced = {FILE: _without_record(_with_missing(stage, parsed, own), own)}

@@ -20,7 +20,7 @@ from codegen.generated.bus_map import BusMap
 from codegen.generated.own_stage import NAME, OwnStage
 from codegen.proof import stage_rules
 from codegen.proof.prove import prove
-from codegen.subset import parse, rules
+from codegen.subset import grammar, parse, rules
 from codegen.subset.program import FIRMWARE, Program, copy_sources, file_of
 from dbc.reader import Files
 
@@ -71,14 +71,20 @@ def program_of(
 
 
 def imported(modules: Mapping[str, str], services: Sequence[str]) -> ModuleType:
-    """Return the loop of the firmware with ``modules`` in place of its own, for CPython."""
+    """Return the loop of the firmware with ``modules`` in place of its own, for CPython.
+
+    Raises:
+        SubsetError: a module is outside the grammar of the subset: none is executed.
+    """
+    for file, source in modules.items():
+        grammar.check(PLACE / file, grammar.parsed(PLACE / file, source))
     text = "".join([*(modules[name] for name in sorted(modules)), *services])
     name = f"canroll_firmware_{zlib.crc32(text.encode()):08x}"
     with folder_of(modules) as folder:
         for path in folder.rglob("*.py"):
             source = path.read_text(encoding="utf-8")
             source = re.sub(r"^from firmware\b", f"from {name}", source, flags=re.MULTILINE)
-            path.write_text(source, encoding="utf-8")
+            path.write_text(source, encoding="utf-8-sig")  # no other, whatever its first line says
         spec = importlib.util.spec_from_file_location(
             name, folder / "__init__.py", submodule_search_locations=[str(folder)]
         )

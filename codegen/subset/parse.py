@@ -13,11 +13,10 @@ from pathlib import Path
 
 from canroll.errors import CanrollError
 from codegen.operations.intervals import KINDS
-from codegen.operations.table import INTRINSICS
 from codegen.subset import idle
+from codegen.subset.grammar import WORDS, parsed
 from codegen.subset.program import (
     FIRMWARE,
-    LIMITS,
     PACKAGE,
     RUNTIME,
     Const,
@@ -34,9 +33,6 @@ from codegen.subset.program import (
     file_of,
 )
 from codegen.subset.resolve import resolve
-
-WORDS = frozenset((*KINDS, *LIMITS, *INTRINSICS, "F", "record"))
-"""What the subset itself offers to modules of the firmware."""
 
 
 def load(
@@ -72,11 +68,9 @@ def _load(
     path = shown.get(name, home)
     try:
         source = home.read_text(encoding="utf-8")
-        tree = ast.parse(source)
     except OSError as error:
         raise CanrollError(f"{path}: {error}") from error
-    except SyntaxError as error:
-        raise SubsetError(path, error.lineno or 1, error.msg) from error
+    tree = parsed(path, source)
     module = Module(name, path, ast.get_docstring(tree) or "", source)
     module.comments = _comments(source)
     for node in tree.body:
@@ -171,6 +165,8 @@ def _constants(
 ) -> None:
     """Note the constants that a statement sets, of which ``target`` are one or several."""
     if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
+        if len(target.elts) != len(value.elts):
+            raise SubsetError(module.path, target, "as many constants as values")
         for one, its in zip(target.elts, value.elts, strict=True):
             _constants(program, module, statement, one, its)
         return
@@ -224,16 +220,21 @@ def parse_type(program: Program, module: Module, node: ast.expr) -> Type:
         home = module.imported.get(node.id, (module.name, node.id))[0]
         if home in program.modules and node.id in program.modules[home].records:
             return Type("record", (), node.id)
-    if isinstance(node, ast.Subscript) and ast.unparse(node.value) == "Annotated":
-        inner = node.slice.elts if isinstance(node.slice, ast.Tuple) else []
-        sizes = [evaluate(program, module, size) for size in inner[1:] if not _describes(size)]
-        depth, level = 0, inner[0]
+    if (
+        isinstance(node, ast.Subscript)
+        and ast.unparse(node.value) == "Annotated"
+        and isinstance(node.slice, ast.Tuple)
+        and node.slice.elts
+    ):
+        kind, *rest = node.slice.elts
+        sizes = [evaluate(program, module, size) for size in rest if not _describes(size)]
+        depth, level = 0, kind
         while isinstance(level, ast.Subscript):
             depth, level = depth + 1, level.slice
         if depth != len(sizes):
             raise SubsetError(module.path, node, f"{depth} sizes are needed after the array type")
         shape = tuple(size for size in sizes if isinstance(size, int))
-        return Type(_element(program, module, inner[0]), shape)
+        return Type(_element(program, module, kind), shape)
     rule = f"'{ast.unparse(node)}' is no type: i32, u8, …, a record, Annotated[list[i32], n]"
     raise SubsetError(module.path, node, rule)
 

@@ -21,6 +21,8 @@ FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
 PACKAGE = "firmware"
 RUNTIME = "subset"
 CONST_RECORD = "Calibration"
+MOST_BITS = 128
+"""Bits of a number in a source, or in between in a constant."""
 
 Const = int | tuple[Any, ...]
 
@@ -326,5 +328,8 @@ def evaluate(program: Program, module: Module, node: ast.expr) -> Const:
                 raise SubsetError(module.path, node, f"{right} is no shift count or exponent")
             if isinstance(node.op, ast.FloorDiv) and right == 0:
                 raise SubsetError(module.path, node, "divides by zero")
-            return int(operation(left, right))
+            value = int(operation(left, right))
+            if value.bit_length() > MOST_BITS:
+                raise SubsetError(module.path, node, f"a number of more than {MOST_BITS} bits")
+            return value
     raise SubsetError(module.path, node, f"'{ast.unparse(node)}' is not a constant of ints")

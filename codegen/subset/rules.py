@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 from codegen.operations.intervals import KINDS
 from codegen.operations.table import INTRINSICS, OPERATORS
+from codegen.subset import grammar
 from codegen.subset.expression_rules import ExpressionRules, words
 from codegen.subset.program import (
     CONST_RECORD,
@@ -34,9 +35,11 @@ C_WORDS = frozenset(
 
 
 def check(program: Program) -> None:
-    """Raise SubsetError for the first construct of any function that is outside the subset."""
+    """Raise SubsetError for the first construct of any module that is outside the subset."""
     for function in program.functions():
         _Checker(program, function).run()
+    for module in program.modules.values():
+        grammar.check(module.path, grammar.parsed(module.path, module.source))
 
 
 class _Checker(ExpressionRules):

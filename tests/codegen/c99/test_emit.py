@@ -7,6 +7,7 @@ import subprocess
 import pytest
 
 from codegen.c99 import emit
+from codegen.c99.text import plain
 from codegen.subset.program import SubsetError
 
 WARNINGS = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion"]
@@ -273,6 +274,15 @@ def test_a_chain_of_conditions_ends_in_an_else(sample):
     text += "    elif ecu.x[0] == 2:\n        k = 2\n    return k\n"
     c = emit.emit("sample", sample.write(text))["canroll_sample.c"]
     assert "        k = 2;\n    } else {\n        /* nothing to do */\n    }\n" in c
+
+
+@pytest.mark.parametrize(
+    "letters", ["*/", "*\\", "*``/", "*:func:/", "*??/\n/", "*éé/\n/", "*???/\n/", "**//", "/*/"]
+)
+def test_no_text_ends_a_comment(letters):
+    """Not by a trigraph either, which C99 puts a backslash for, nor by a line that it joins."""
+    seen = plain(f"a {letters} b {letters} c").replace("??/", "\\").replace("\\\n", "")
+    assert "*/" not in seen and "/*" not in seen
 
 
 def unsigned(sample, body, tables=""):

@@ -370,6 +370,39 @@ def test_what_is_no_stage_is_refused_with_file_and_line(text, line, rule):
     assert "\n" not in message
 
 
+SPRING = "__import__('pathlib').Path('sprung').touch()"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"__all__ = [{SPRING}]\n" + HEAD + ESTIMATE + "    ecu.x[0] = 0\n",
+        HEAD
+        + f"def zero(row: Annotated[list[i32], 4, F({SPRING})]) -> i32:\n    return 0\n\n\n"
+        + ESTIMATE
+        + "    ecu.x[0] = 0\n",
+        # that imports in another encoding than the one it is checked in
+        f"# coding: utf-7\n# +AAo-{SPRING}\n" + HEAD + ESTIMATE + "    ecu.x[0] = 0\n",
+        # all of whose functions do nothing, so that no pass keeps the module
+        f"__all__ = [{SPRING}]\n" + HEAD + MOMENT + "    return wanted\n",
+    ],
+)
+def test_a_stage_executes_nothing_as_it_is_read(text, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(CanrollError, match=r"(own|stage)\.py:\d+: .*") as refused:
+        _ = staged(text).loop
+    assert "\n" not in str(refused.value)
+    assert not (tmp_path / "sprung").exists()
+
+
+@needs_cc
+def test_a_text_of_a_stage_is_no_code_in_c():
+    """What would end a comment in C is shown there as something else."""
+    text = "*\\\\ static int own; \\\\*"
+    body = MOMENT + f'    """{text}"""\n    return sat31(wanted - 1)\n'
+    assert "*/ static" not in staged(HEAD + body).files["canroll_stage.c"]
+
+
 def test_a_file_that_cannot_be_read_is_named(tmp_path):
     with pytest.raises(CanrollError, match=r"cannot read stage .*none\.py: No such file"):
         own_stage.read(tmp_path / "none.py")

@@ -1,6 +1,8 @@
 """The firmware for a bus of CAN FD frames: proved, the same on every back end, cantools' frames."""
 
+import json
 import subprocess
+from pathlib import Path
 
 import cantools
 import numpy as np
@@ -287,3 +289,24 @@ def test_its_bundle_passes_its_vectors(tmp_path):
         result = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
         assert result.returncode == 0, result.stderr
     assert "CAN FD" in (tmp_path / "README.md").read_text()
+
+
+def test_a_name_in_a_description_is_no_code(tmp_path, monkeypatch):
+    """A KCD may call a message anything: in what is made of it, the name is text at most."""
+    monkeypatch.chdir(tmp_path)
+    folder = Path(__file__).parents[3] / "examples" / "own_bus"
+    name = 'X"""\n    __import__("pathlib").Path("sprung").touch()\n    """ \\'
+    database = cantools.database.load_file(folder / "own.dbc")
+    for message in database.messages:
+        if message.name == "GYRO_01":
+            message._name = name
+    kcd = tmp_path / 'own".kcd'
+    cantools.database.dump_file(database, kcd)
+    kcd.write_text(kcd.read_text().replace('"""\n', '"""&#10;'))
+    text = (folder / "own.toml").read_text()
+    (tmp_path / "own.toml").write_text(text.replace('"GYRO_01"', json.dumps(name)))
+    firmware = bus_firmware.of_bus(kcd, tmp_path / "own.toml")
+    assert "Take the signals of X" in firmware.modules["signals.py"]
+    firmware.loop.init(firmware.record(), Calibration())
+    firmware.module("com.signals").unpack_imu(firmware.record(), 0)
+    assert not (tmp_path / "sprung").exists()
