@@ -2,9 +2,9 @@
 
 Compiled code is kept as files, results that take seconds (designs, proofs, translations) as pickles
 named by a hash of all they depend on. Code from here runs as this user, and a pickle may call
-anything: what another user owns or may write to is not used. Whatever the cache lacks, or
-everything where there is none, is made into a private folder that is removed when the process
-ends. A read-only cache is still read. ``CANROLL_NO_CACHE=1`` makes all results anew, for judges.
+anything: what another user owns or may write to is not used, nor what is not as it was kept, by a
+hash of its content. Whatever the cache lacks, or everything where there is none, is made into a
+private folder that is removed when the process ends. A read-only cache is still read. ``CANROLL_NO_CACHE=1`` makes all results anew, for judges.
 """
 
 import atexit
@@ -52,11 +52,38 @@ def _is_own(about: os.stat_result) -> bool:
     return about.st_uid in (0, os.geteuid()) and not about.st_mode & FOREIGN_WRITE
 
 
-def place(name: str, file: str) -> Path:
-    """Return the path of ``file`` in the cache folder ``name``, else in a private folder."""
-    kept = folder(name)
-    shared = kept / file
-    return shared if shared.exists() or os.access(kept, os.W_OK) else private(name) / file
+def built(name: str, file: str, make: Callable[[Path], Path]) -> Path:
+    """Return the path of ``file`` in the cache folder ``name``, made unless it is there whole.
+
+    Args:
+        name: of the cache folder; a private one is used where it cannot be written.
+        file: with compiled code.
+        make: makes it in an empty folder, and returns its path there.
+    """
+    home = folder(name)
+    if not _is_whole(home / file) and not os.access(home, os.W_OK):
+        home = private(name)
+    target = home / file
+    if not _is_whole(target):
+        with tempfile.TemporaryDirectory(dir=home) as temporary:
+            made = make(Path(temporary))
+            made.chmod(OWN)
+            digest = hashlib.sha256(made.read_bytes()).digest()
+            with made.open("rb") as content:
+                os.fsync(content)
+            os.replace(made, target)
+        write(_digest_of(target), digest)
+    return target
+
+
+def _digest_of(path: Path) -> Path:
+    return path.with_name(f"{path.name}.sha256")
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a file of code is there, this user's alone, and as it was kept."""
+    content, digest = _content(path), read(_digest_of(path))
+    return content is not None and hashlib.sha256(content).digest() == digest
 
 
 @cache
@@ -68,14 +95,18 @@ def private(name: str) -> Path:
 
 
 @cache
-def sources(*places: str, packages: tuple[str, ...] = ()) -> bytes:
+def sources(
+    *places: str,
+    packages: tuple[str, ...] = (),
+    suffixes: tuple[str, ...] = (".py", ".h", ".toml", ".dbc"),
+) -> bytes:
     """Return a hash of our source files in folders, of Python, machine and other packages."""
     digest = hashlib.sha256(f"{sys.version} {platform.machine()}".encode())
     for package in packages:
         digest.update(f"{package} {version(package)}\n".encode())
     for each in places:
         for path in sorted((ROOT / each).rglob("*")):
-            if path.suffix in (".py", ".h", ".toml", ".dbc"):
+            if path.suffix in suffixes:
                 digest.update(f"{path.relative_to(ROOT)}\n".encode() + path.read_bytes())
     return digest.digest()
 
@@ -119,25 +150,34 @@ def kept(kind: str, of: bytes, make: Callable[[], Result]) -> Result:
     path = folder(kind) / f"{hashlib.sha256(of).hexdigest()}.pickle"
 
     def stored() -> Result:
-        payload = _read(path)
+        payload = read(path)
         if payload is not None:
             with suppress(Exception):  # a pickle may raise any: the result is made anew
                 known: Result = pickle.loads(payload)
                 return known
         result = make()
-        _write(path, pickle.dumps(result, protocol=5))
+        write(path, pickle.dumps(result, protocol=5))
         return result
 
     return recalled(bytes(path) + of, make if os.environ.get("CANROLL_NO_CACHE") else stored)
 
 
-def _read(path: Path) -> bytes | None:
-    """Return a kept pickle, or None where there is none, a foreign or a damaged one."""
+def read(path: Path) -> bytes | None:
+    """Return what :func:`write` kept, or None where there is none, a foreign or a damaged one."""
+    content = _content(path)
+    if content is None:
+        return None
+    size = hashlib.sha256().digest_size
+    digest, payload = content[:size], content[size:]
+    return payload if hashlib.sha256(payload).digest() == digest else None
+
+
+def _content(path: Path) -> bytes | None:
+    """Return the content of a file that only this user controls, or None."""
     with suppress(OSError), open(path, "rb", opener=_not_linked) as file:
         about = os.fstat(file.fileno())
         if stat.S_ISREG(about.st_mode) and _is_own(about):
-            digest, payload = file.read(hashlib.sha256().digest_size), file.read()
-            return payload if hashlib.sha256(payload).digest() == digest else None
+            return file.read()
     return None
 
 
@@ -145,8 +185,8 @@ def _not_linked(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
 
 
-def _write(path: Path, payload: bytes) -> None:
-    """Keep a pickle, all of it or nothing; a cache that can't be written stays as it is."""
+def write(path: Path, payload: bytes) -> None:
+    """Keep bytes, all of them or none; a cache that can't be written stays as it is."""
     with suppress(OSError):
         number, name = tempfile.mkstemp(dir=path.parent)
         try:

@@ -9,12 +9,10 @@ condition failed), and neither counts cycles.
 
 import hashlib
 import importlib.util
-import os
 import re
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -140,11 +138,8 @@ def built(
 ) -> Path:
     """Compile ``files`` by ``command`` into a cached file."""
     key = hashlib.sha256(repr((command, sorted(files.items()), last)).encode()).hexdigest()[:20]
-    target = build_cache.place("native", f"{key}_{name}")
-    if target.exists():
-        return target
-    with tempfile.TemporaryDirectory(dir=target.parent) as temporary:
-        folder = Path(temporary)
+
+    def make(folder: Path) -> Path:
         for file, text in files.items():
             (folder / file).write_text(text, encoding="utf-8")
         sources = sorted(file for file in files if file.endswith(".c"))
@@ -157,8 +152,9 @@ def built(
             raise CanrollError(
                 f"{Path(command[0]).name} cannot build the firmware: {first.strip()}"
             )
-        os.replace(folder / name, target)
-    return target
+        return folder / name
+
+    return build_cache.built("native", f"{key}_{name}", make)
 
 
 def sent(states: NDArray[np.void], firmware: BusFirmware | None = None) -> NDArray[np.void]:

@@ -15,7 +15,6 @@ import shutil
 import subprocess
 import sys
 import sysconfig
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -282,9 +281,11 @@ def build(
     for part in (*sorted(files.items()), *binding, flags, version.stdout, sys.version):
         key.update(repr(part).encode())
     name = f"canroll_native_{key.hexdigest()[:20]}"
-    path = build_cache.place("native", f"{name}{sysconfig.get_config_var('EXT_SUFFIX')}")
-    if not path.exists():
-        _compile([cc, *flags], files, binding, path)
+    path = build_cache.built(
+        "native",
+        f"{name}{sysconfig.get_config_var('EXT_SUFFIX')}",
+        lambda folder: _compiled([cc, *flags], files, binding, name, folder),
+    )
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -312,26 +313,28 @@ def _declared(files: Mapping[str, str], service: str) -> str:
     return "\n".join([*(f"typedef struct {{ ...; }} {name};" for name in records), *functions, ""])
 
 
-def _compile(
-    command: Sequence[str], files: Mapping[str, str], binding: tuple[str, str], target: Path
-) -> None:
+def _compiled(
+    command: Sequence[str],
+    files: Mapping[str, str],
+    binding: tuple[str, str],
+    name: str,
+    folder: Path,
+) -> Path:
+    """Compile the module ``name`` of ``files`` and the interfaces in ``folder``; return it."""
     declarations, batch = binding
-    name = target.name.partition(".")[0]
     ffi = cffi.FFI()
     ffi.cdef(declarations)
     ffi.set_source(name, batch)
-    with tempfile.TemporaryDirectory(dir=target.parent) as temporary:
-        folder = Path(temporary)
-        for file, text in files.items():
-            (folder / file).write_text(text, encoding="utf-8")
-        with contextlib.redirect_stdout(io.StringIO()):
-            ffi.emit_c_code(str(folder / "binding.c"))
-        sources = sorted(str(path) for path in folder.glob("*.c"))
-        include = sysconfig.get_path("include")
-        built = folder / "library.so"
-        full = [*command, f"-I{include}", "-o", str(built), *sources]
-        result = subprocess.run(full, capture_output=True, text=True, check=False, timeout=300)
-        if result.returncode:
-            first = next((s for s in result.stderr.splitlines() if "error" in s), result.stderr)
-            raise CanrollError(f"{command[0]} cannot build the firmware: {first.strip()}")
-        os.replace(built, target)
+    for file, text in files.items():
+        (folder / file).write_text(text, encoding="utf-8")
+    with contextlib.redirect_stdout(io.StringIO()):
+        ffi.emit_c_code(str(folder / "binding.c"))
+    sources = sorted(str(path) for path in folder.glob("*.c"))
+    include = sysconfig.get_path("include")
+    built = folder / "library.so"
+    full = [*command, f"-I{include}", "-o", str(built), *sources]
+    result = subprocess.run(full, capture_output=True, text=True, check=False, timeout=300)
+    if result.returncode:
+        first = next((s for s in result.stderr.splitlines() if "error" in s), result.stderr)
+        raise CanrollError(f"{command[0]} cannot build the firmware: {first.strip()}")
+    return built

@@ -4,13 +4,15 @@ Numba's own cache only watches the file of the outermost function, so that a cha
 stay outdated. The cache folder is named by a hash of the whole package instead, and of what kernels
 take numbers from, independent of places and file times, which change with copies and file systems.
 As Numba numbers its entries, two processes that compile at the same time could use one name for two
-functions: saving takes a lock. A read-only cache is still read.
+functions: saving takes a lock. A read-only cache is still read. Entries are kept as
+:mod:`canroll.build_cache` keeps its own: what is damaged or foreign is compiled again.
 """
 
 import ctypes
 import fcntl
 import hashlib
 import os
+import pickle
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -29,19 +31,11 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 SOURCES = Path(__file__).resolve().parents[1]
-NUMBERS = (SOURCES.parent / "vehicles", SOURCES.parent / "codegen" / "frame")
-"""Folders whose constants are compiled into kernels."""
-
-
-def _cache_folder() -> Path:
-    digest = hashlib.sha256(f"{numba.__version__}".encode())
-    for folder in (SOURCES, *NUMBERS):
-        for source in sorted(folder.rglob("*.py")):
-            digest.update(source.read_bytes())
-    return build_cache.folder(f"numba-{digest.hexdigest()[:16]}")
-
-
-FOLDER = _cache_folder()
+# of the kernels, and of what constants are compiled into them from
+_DIGEST = build_cache.sources("plant_sim", "vehicles", "codegen/frame", suffixes=(".py",))
+FOLDER = build_cache.folder(
+    f"numba-{hashlib.sha256(_DIGEST + numba.__version__.encode()).hexdigest()[:16]}"
+)
 numba.config.CACHE_DIR = str(FOLDER)
 
 
@@ -59,7 +53,7 @@ class _Locator(UserProvidedCacheLocator):  # type: ignore[misc]
 
     def ensure_cache_path(self) -> None:
         with suppress(OSError):
-            Path(self.get_cache_path()).mkdir(parents=True, exist_ok=True)
+            Path(self.get_cache_path()).mkdir(build_cache.OWN, parents=True, exist_ok=True)
 
     def get_source_stamp(self) -> str:
         file = Path(self._py_file).resolve()
@@ -82,7 +76,31 @@ def _save(entry: Any, key: Any, data: Any) -> None:  # noqa: ANN401
         _save_unlocked(entry, key, data)
 
 
+def _load_index(entry: Any) -> dict[Any, str]:  # noqa: ANN401
+    kept = build_cache.read(Path(entry._index_path))
+    stamp, overloads = (None, {}) if kept is None else pickle.loads(kept)
+    return overloads if stamp == entry._source_stamp else {}
+
+
+def _save_index(entry: Any, overloads: dict[Any, str]) -> None:  # noqa: ANN401
+    kept = entry._dump((entry._source_stamp, overloads))
+    build_cache.write(Path(entry._index_path), kept)
+
+
+def _load_data(entry: Any, name: str) -> Any:  # noqa: ANN401
+    kept = build_cache.read(Path(entry._data_path(name)))
+    if kept is None:
+        raise OSError  # Numba compiles it again
+    return pickle.loads(kept)
+
+
+def _save_data(entry: Any, name: str, data: Any) -> None:  # noqa: ANN401
+    build_cache.write(Path(entry._data_path(name)), entry._dump(data))
+
+
 IndexDataCacheFile.save = _save
+for _replaced in (_load_index, _save_index, _load_data, _save_data):
+    setattr(IndexDataCacheFile, _replaced.__name__, _replaced)
 
 
 def njit(function: Function, *, inline: bool = False) -> Function:

@@ -192,3 +192,52 @@ def test_keys_are_equal_in_every_process():
         for seed in "123"
     }
     assert len(seen) == 1
+
+
+@pytest.fixture
+def build(keep):
+    """Return a function that keeps a file of code, made of a text, and returns its path."""
+
+    def make(text):
+        def write(folder):
+            (folder / "x.o").write_text(text)
+            (folder / "x.o").chmod(0o775)
+            return folder / "x.o"
+
+        return write
+
+    return lambda text: build_cache.built("code", "x.so", make(text))
+
+
+def test_code_is_made_once_and_is_of_the_user_alone(build):
+    assert build("first") == build("anew")
+    assert build("anew").read_text() == "first"
+    names = {path.name: path.stat().st_mode & 0o777 for path in build("").parent.iterdir()}
+    assert names == {"x.so": 0o700, "x.so.sha256": 0o600}
+
+
+def test_code_that_is_cut_changed_or_of_others_is_made_anew(build, tmp_path):
+    """A shared object that is cut ends each process that loads it, without a word."""
+    path = build("first")
+    path.write_text("fir")
+    assert build("cut").read_text() == "cut"
+    path.write_text("cuT")
+    assert build("changed").read_text() == "changed"
+    path.chmod(0o720)
+    assert build("open").read_text() == "open"
+    path.with_name("x.so.sha256").unlink()
+    assert build("unknown").read_text() == "unknown"
+    path.rename(tmp_path / "x")
+    path.symlink_to(tmp_path / "x")
+    assert build("linked").read_text() == "linked" and not path.is_symlink()
+    os.chown(path, 12345, -1) if os.geteuid() == 0 else path.unlink()
+    assert build("own").read_text() == "own"
+
+
+def test_what_is_kept_is_on_the_disk_before_it_has_its_name(build, monkeypatch):
+    seen = []
+    fsync, replace = os.fsync, os.replace
+    monkeypatch.setattr(os, "fsync", lambda file: seen.append("sync") or fsync(file))
+    monkeypatch.setattr(os, "replace", lambda *paths: seen.append("name") or replace(*paths))
+    build("code")
+    assert seen == ["sync", "name", "sync", "name"]

@@ -62,10 +62,21 @@ def test_nothing_is_compiled_in_the_loops(cache, programs, calibration_file, tmp
 def test_a_cache_that_cannot_be_written_is_read(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     kept = build_cache.folder("native")
-    (kept / "there").write_text("kept")
+    assert build_cache.built("native", "there", of_text("kept")) == kept / "there"
     monkeypatch.setattr(os, "access", lambda path, mode: not str(path).startswith(str(tmp_path)))
-    assert build_cache.place("native", "there") == kept / "there"
-    assert build_cache.place("native", "missing").parent == build_cache.private("native")
+    assert build_cache.built("native", "there", of_text("anew")) == kept / "there"
+    elsewhere = build_cache.built("native", "missing", of_text("anew"))
+    assert elsewhere.parent == build_cache.private("native") and elsewhere.read_text() == "anew"
+
+
+def of_text(text):
+    """Return what makes a file with a text in a folder."""
+
+    def make(folder):
+        (folder / "made").write_text(text)
+        return folder / "made"
+
+    return make
 
 
 @pytest.mark.parametrize("open_to_all", ["canroll", "canroll/native"])
@@ -93,6 +104,6 @@ def test_without_a_cache_the_firmware_is_built_all_the_same(tmp_path, monkeypatc
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     assert build_cache.folder("native") == build_cache.private("native")
-    target = build_cache.place("native", "x.so")
-    assert not target.exists()
+    target = build_cache.built("native", "x.so", of_text("code"))
+    assert target.parent == build_cache.private("native")
     assert target.parent.stat().st_mode & 0o077 == 0

@@ -96,3 +96,41 @@ def test_a_second_process_compiles_for_the_cache_meanwhile(tmp_path):
         timeout=100,
     )
     assert ran.stdout == "False 2 1\nended\n"
+
+
+AGAIN = """
+from plant_sim.kernels import jit
+
+@jit.njit
+def successor(n):
+    return n + 1
+
+print(successor(1), sum(successor.stats.cache_hits.values()))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", [".nbc", ".nbi"])
+def test_a_damaged_entry_is_compiled_again(tmp_path, suffix):
+    program = tmp_path / "program.py"
+    program.write_text(AGAIN)
+
+    def run():
+        return subprocess.run(
+            [sys.executable, program],
+            env=os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache")},
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=100,
+        ).stdout
+
+    assert run() == "2 0\n"
+    (entry,) = (tmp_path / "cache").rglob(f"*{suffix}")
+    assert entry.stat().st_mode & 0o777 == 0o600
+    whole = entry.read_bytes()
+    for damaged in (whole[: len(whole) // 2], whole[:-1] + bytes([whole[-1] ^ 1])):
+        entry.write_bytes(damaged)
+        assert run() == "2 0\n"
+    entry.chmod(0o622)
+    assert [run(), run()] == ["2 0\n", "2 1\n"]
