@@ -4,7 +4,8 @@ Compiled code is kept as files, results that take seconds (designs, proofs, tran
 named by a hash of all they depend on. Code from here runs as this user, and a pickle may call
 anything: what another user owns or may write to is not used, nor what is not as it was kept, by a
 hash of its content. Whatever the cache lacks, or everything where there is none, is made into a
-private folder that is removed when the process ends. A read-only cache is still read. ``CANROLL_NO_CACHE=1`` makes all results anew, for judges.
+private folder that is removed when the process ends. A read-only cache is still read.
+``CANROLL_NO_CACHE=1`` makes all results anew, for judges.
 """
 
 import atexit

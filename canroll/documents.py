@@ -14,6 +14,16 @@ from canroll.errors import CanrollError, UnknownNameError
 MOST_BYTES = 16 << 20
 """Size of a text file; a larger one is not what it is taken for."""
 
+MOST_PARTS = 32
+"""Parts of a dotted key in TOML, whose reader takes a time that grows with their square."""
+LONG_KEY = re.compile(
+    rf"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){{{MOST_PARTS}}}"""
+)
+MOST_MEMORY = 16 << 30
+"""Memory of a separate process that reads a file, bytes."""
+MOST_SECONDS = 600.0
+"""Time that it may take."""
+
 KINDS = {
     "calibration": "a calibration, for --calibration",
     "tyre": "a vehicle, for --vehicle",
@@ -70,8 +80,10 @@ def parse_toml(content: str) -> dict[str, Any]:
     """Return the table of a TOML document.
 
     Raises:
-        ValueError: it is not TOML, or nested too deeply.
+        ValueError: it is not TOML, nested too deeply, or has a key of too many parts.
     """
+    if LONG_KEY.search(content):
+        raise ValueError(f"a dotted key of more than {MOST_PARTS} parts")
     try:
         return tomllib.loads(content)
     except RecursionError as error:
@@ -111,7 +123,9 @@ def table(value: object, where: str) -> dict[str, Any]:
     return value
 
 
-def read_apart(program: str, path: Path) -> bytes:
+def read_apart(
+    program: str, path: Path, *, memory: int = MOST_MEMORY, seconds: float = MOST_SECONDS
+) -> bytes:
     """Return what a Python program makes of the file ``path``.
 
     It runs in a separate process, which a reader in compiled code may end at a damaged file.
@@ -119,17 +133,33 @@ def read_apart(program: str, path: Path) -> bytes:
     Args:
         program: it finds the path in ``sys.argv[1]`` and writes to ``sys.stdout.buffer``.
         path: the file.
+        memory: that it may have, bytes.
+        seconds: that it may take.
 
     Raises:
         ValueError: the program failed; the message is the last line of its output, if any.
     """
-    done = subprocess.run(
-        [sys.executable, "-c", program, str(path)], capture_output=True, check=False
-    )
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", f"{_LIMITED.format(memory)}{program}", str(path)],
+            capture_output=True,
+            check=False,
+            timeout=seconds,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise ValueError(f"it cannot be read within {seconds:g} s") from error
     if done.returncode:
         errors = done.stderr.decode("utf-8", "replace").strip().splitlines()
         raise ValueError(errors[-1] if errors and done.returncode > 0 else "the reader crashed")
     return done.stdout
+
+
+_LIMITED = """
+import resource
+most, hard = {}, resource.getrlimit(resource.RLIMIT_AS)[1]
+limit = most if hard == resource.RLIM_INFINITY else min(most, hard)
+resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
+"""
 
 
 def with_short_lists(toml: str) -> str:

@@ -1,9 +1,13 @@
 """Every reader takes damaged files: a value, or one line of refusal; never a traceback."""
 
+import io
 import json
 import random
 import shutil
+import time
 import tomllib
+import tracemalloc
+import zipfile
 
 import numpy as np
 import pytest
@@ -180,3 +184,44 @@ def test_a_time_that_is_no_number_is_refused(tmp_path):
     )
     with pytest.raises(CanrollError, match="a time is beyond"):
         load_recording(path, bitrate=500_000)
+
+
+@pytest.mark.parametrize("shape", [(200_000_000,), (1 << 20, 1 << 20), (1, 1001)])
+def test_gains_are_looked_at_before_they_are_read(tmp_path, shape):
+    """What an archive unpacks to is not what it takes on the disk."""
+    path = tmp_path / "gains.npz"
+    content = io.BytesIO()
+    header = {"descr": "<f8", "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(content, header)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("K.npy", content.getvalue() + bytes(1 << 20))
+    tracemalloc.start()
+    with pytest.raises(CanrollError, match=r"gains\.npz: K has more than 1000 numbers"):
+        read_matrices(path)
+    assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    tracemalloc.stop()
+
+
+def test_gains_of_a_mat_file_are_looked_at_before_they_are_read(tmp_path):
+    path = tmp_path / "gains.mat"
+    savemat(path, {"K": np.zeros((1000, 1000))}, do_compression=True)
+    with pytest.raises(CanrollError, match=r"K has more than 1000 numbers"):
+        read_matrices(path)
+
+
+def test_a_reader_apart_has_its_share_of_memory_and_time(tmp_path):
+    with pytest.raises(ValueError, match="MemoryError"):
+        documents.read_apart("bytearray(1 << 30)", tmp_path, memory=1 << 29)
+    with pytest.raises(ValueError, match=r"cannot be read within 0\.5 s"):
+        documents.read_apart("while True: pass", tmp_path, seconds=0.5)
+
+
+@pytest.mark.parametrize("form", ["{} = 1", "[{}]", "x = {{ {} = 1 }}"])
+@pytest.mark.parametrize("part", ["a", '"a"', "'a b'"])
+def test_a_dotted_key_is_bounded(form, part):
+    assert documents.parse_toml(form.format(" . ".join([part] * documents.MOST_PARTS)))
+    with pytest.raises(ValueError, match="a dotted key of more than 32 parts"):
+        documents.parse_toml(form.format(".".join([part] * 100_000)))
+    before = time.process_time()
+    documents.parse_toml(f'x = "{"word" * 1_000_000}"\n' + "a.b = 1\nc = 2.5\n".replace("a", "y"))
+    assert time.process_time() - before < 2.0

@@ -1,6 +1,7 @@
 """``canroll bus --serve`` and ``--share``: a traffic set for other programs."""
 
 import argparse
+import secrets
 
 from canroll.cli import terminal
 from canroll.errors import CanrollError
@@ -18,7 +19,12 @@ def serve(traffic: Traffic, args: argparse.Namespace) -> None:
     """Run the set in real time, or for programs in lock step."""
     terminal.show_warnings(traffic.warnings)
     if not is_loopback(args.host):
-        _say(f"note: anyone who can reach {args.host} can read and write this bus")
+        who = (
+            "anyone who can reach"
+            if args.serve is not None
+            else "whoever has the token and reaches"
+        )
+        _say(f"note: {who} {args.host} can read and write this bus")
     fd = ", ".join(m.name for m in traffic.messages if m.flags & FD)
     if fd and args.serve is not None:
         raise CanrollError(
@@ -36,6 +42,8 @@ def serve(traffic: Traffic, args: argparse.Namespace) -> None:
         serve_network(network, host=args.host, port=args.serve, announce=_say)
         return
     mirror = None if args.mirror is None else Mirror(args.mirror)
+    # from elsewhere only who has read what is shown here may join
+    token = "" if is_loopback(args.host) else secrets.token_hex(8)
     bus = SharedBus(
         network,
         programs=args.programs,
@@ -43,9 +51,11 @@ def serve(traffic: Traffic, args: argparse.Namespace) -> None:
         port=args.share,
         real_time=args.pace == "realtime",
         mirror=mirror,
+        token=token,
     )
     host, port = bus.address
-    _say(f"waiting for {args.programs} programs: interface=simbus_shared, channel={host}:{port}")
+    options = f"interface=simbus_shared, channel={host}:{port}{token and f', token={token}'}"
+    _say(f"waiting for {args.programs} programs: {options}")
     try:
         _say(f"the last program left after {bus.run() * 1e-9:g} s of bus time")
     except KeyboardInterrupt:

@@ -1,10 +1,13 @@
 """A user's own gains from a file: state feedback, or a discrete compensator."""
 
 import io
+import math
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib import format as npy
 
 from canroll import documents
 from canroll.errors import UNREADABLE, CanrollError, reason
@@ -15,10 +18,17 @@ from gain_gen.models.controller import Compensator, Controller
 from gain_gen.models.roll import Matrix
 from gain_gen.models.task import Solution, Task
 
-_MAT_TO_NPZ = """
-import sys, numpy, scipy.io
+MOST_NUMBERS = 1000
+"""Numbers of a matrix of gains."""
+MOST_MEMORY, MOST_SECONDS = 2 << 30, 60.0
+"""Of the process that reads a .mat file: bytes, s."""
+_MAT_TO_NPZ = f"""
+import math, sys, numpy, scipy.io
+for name, shape, kind in scipy.io.whosmat(sys.argv[1]):
+    if math.prod(shape) > {MOST_NUMBERS}:
+        raise ValueError(f"{{name}} has more than {MOST_NUMBERS} numbers")
 found = scipy.io.loadmat(sys.argv[1])
-numpy.savez(sys.stdout.buffer, **{k: v for k, v in found.items() if not k.startswith("__")})
+numpy.savez(sys.stdout.buffer, **{{k: v for k, v in found.items() if not k.startswith("__")}})
 """
 FEEDBACK = ("K", "Kff")
 COMPENSATOR = ("A", "B", "C", "D", "E")
@@ -40,6 +50,7 @@ def read_matrices(path: Path) -> dict[str, Matrix]:
         raise CanrollError(f"cannot read matrices {path}: no such file")
     try:
         if path.suffix == ".npz":
+            _refuse_large(path)
             with np.load(path) as stored:
                 entries = dict(stored)
         elif path.suffix == ".mat":
@@ -70,13 +81,30 @@ def read_matrices(path: Path) -> dict[str, Matrix]:
     return matrices
 
 
+def _refuse_large(path: Path) -> None:
+    """Raise ValueError for an archive whose headers say that it has more than gains."""
+    with zipfile.ZipFile(path) as archive:
+        for name in archive.namelist():
+            with archive.open(name) as file:
+                if npy.read_magic(file) != (1, 0):
+                    raise ValueError(f"{name}: unknown version of the .npy format")
+                shape = npy.read_array_header_1_0(file)[0]
+            if not 0 <= math.prod(shape) <= MOST_NUMBERS:
+                raise ValueError(f"{Path(name).stem} has more than {MOST_NUMBERS} numbers")
+        if len(archive.namelist()) > len(NAMES):
+            raise ValueError(f"more than {len(NAMES)} matrices")
+
+
 def _read_mat(path: Path) -> dict[str, np.ndarray[Any, Any]]:
     """Return the arrays of a .mat file, read in a separate process.
 
     scipy's reader ends the process on some damaged files.
     """
     try:
-        with np.load(io.BytesIO(documents.read_apart(_MAT_TO_NPZ, path))) as stored:
+        converted = documents.read_apart(
+            _MAT_TO_NPZ, path, memory=MOST_MEMORY, seconds=MOST_SECONDS
+        )
+        with np.load(io.BytesIO(converted)) as stored:
             return dict(stored)
     except ValueError as error:
         raise CanrollError(

@@ -2,7 +2,8 @@
 
 ``can.Bus("127.0.0.1:29600", interface="simbus_shared", node="ecu")`` joins the bus that
 ``canroll bus SET --share --programs N`` serves. ``node``: a unique name for each program, which
-decides the order of frames queued at one instant. ``fd=True``: it sends and receives FD frames;
+decides the order of frames queued at one instant. ``token``: what a bus that other machines can
+reach shows as it starts. ``fd=True``: it sends and receives FD frames;
 ``receive_own_messages`` as in python-can.
 
 Time passes only in ``recv`` with a timeout and in ``let_pass``: the bus advances when all programs
@@ -40,6 +41,7 @@ class SharedSimBus(can.BusABC):
     Args:
         channel: HOST:PORT of the server.
         node: name of this program on the bus.
+        token: of the bus; "": it has none.
         fd: it sends and receives FD frames.
         receive_own_messages: it also receives its own frames.
         join_timeout: longest wait for the server and the other programs, s; None: no limit.
@@ -55,6 +57,7 @@ class SharedSimBus(can.BusABC):
         channel: str = "127.0.0.1:29600",
         *,
         node: str = "node",
+        token: str = "",
         fd: bool | str = False,
         receive_own_messages: bool | str = False,
         join_timeout: float | None = 60.0,
@@ -69,7 +72,10 @@ class SharedSimBus(can.BusABC):
         self.channel = channel
         self._connection = _join(
             str(channel),
-            {"name": str(node), "fd": self._fd, "receive_own": truth(receive_own_messages)},
+            {
+                **{"name": str(node), "token": str(token), "fd": self._fd},
+                "receive_own": truth(receive_own_messages),
+            },
             None if join_timeout is None else float(join_timeout),
         )
         try:

@@ -19,6 +19,7 @@ _CAME: Final = Struct("<dIHBBh64s")
 LEAVE: Final = -1
 """Time in the question of a program that leaves."""
 MAX_FRAMES: Final = 1 << 16
+MAX_LINE: Final = 1000
 
 
 class Sent(NamedTuple):
@@ -64,12 +65,21 @@ def read_line(connection: socket.socket) -> dict[str, Any]:
     line = b""
     while not line.endswith(b"\n"):
         byte = connection.recv(1)
-        if not byte or len(line) > 1000:
+        if not byte or len(line) > MAX_LINE:
             raise ConnectionError("no answer")
         line += byte
+    return parse_line(line)
+
+
+def parse_line(line: bytes) -> dict[str, Any]:
+    """Return the JSON object of a line.
+
+    Raises:
+        ConnectionError: it is none.
+    """
     try:
         content = json.loads(line)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ConnectionError("not a program of a shared bus") from error
     if not isinstance(content, dict):
         raise ConnectionError("not a program of a shared bus")

@@ -6,12 +6,14 @@ in the order of the programs' names, so that the same programs give the same fra
 In real time the bus also waits for the clock.
 """
 
+import hmac
+import selectors
 import socket
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 from canroll.errors import CanrollError
 from plant_sim.can_bus.kernel.layout import BUS_OFF, Network
@@ -19,13 +21,29 @@ from plant_sim.can_bus.servers import SHARED_PORT
 from plant_sim.can_bus.servers.hub import Hub, HubError, HubPort, PortFrame
 from plant_sim.can_bus.servers.shared_protocol import (
     LEAVE,
+    MAX_LINE,
     Question,
     Reply,
-    read_line,
+    parse_line,
     read_question,
     send_answer,
     send_line,
 )
+
+GREETING_S: Final = 5.0
+"""Time in which a connection has to say which program it is."""
+MAX_CONNECTIONS: Final = 64
+
+
+@dataclass(slots=True, eq=False)
+class _Caller:
+    """A connection that has not said yet which program it is, and has to until a time."""
+
+    connection: socket.socket
+    until: float
+    line: bytes = b""
+    answered: bool = False
+    joined: bool = False
 
 
 @dataclass(slots=True, eq=False)
@@ -50,6 +68,7 @@ class SharedBus:
         port: to listen on, 0: a free one.
         real_time: bus time does not run ahead of the clock.
         mirror: called with every finished frame.
+        token: that programs have to give as they join; "": none.
 
     Raises:
         CanrollError: the address is not available.
@@ -64,7 +83,9 @@ class SharedBus:
         port: int = SHARED_PORT,
         real_time: bool = False,
         mirror: Callable[[PortFrame], Any] | None = None,
+        token: str = "",
     ) -> None:
+        self._token = token
         self._hub = Hub(network, virtual_time=True)
         self._expected, self._real_time, self._mirror = programs, real_time, mirror
         self._watching = self._hub.open_port() if mirror is not None else None
@@ -103,20 +124,26 @@ class SharedBus:
     def _gather(self) -> None:
         """Wait for all programs, and add their nodes in the order of their names."""
         joined: dict[str, _Program] = {}
-        while len(joined) < self._expected:
-            connection, _ = self._listener.accept()
-            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            try:
-                options = read_line(connection)
-                name = str(options["name"])
-                if name in joined:
-                    send_line(connection, {"error": f"a program '{name}' is on the bus already"})
-                    connection.close()
-                    continue
-            except (ConnectionError, KeyError, OSError):
-                connection.close()
-                continue
-            joined[name] = _Program(name, connection, options)
+        callers: list[_Caller] = []
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._listener, selectors.EVENT_READ)
+            while len(joined) < self._expected:
+                for key, _ in selector.select(timeout=0.5):
+                    if key.fileobj is not self._listener:
+                        self._hear(key.data, joined)
+                        continue
+                    connection, _ = self._listener.accept()
+                    callers.append(_Caller(connection, time.monotonic() + GREETING_S))
+                    selector.register(connection, selectors.EVENT_READ, callers[-1])
+                for caller in list(callers):
+                    late = time.monotonic() > caller.until or len(callers) > MAX_CONNECTIONS
+                    if late or caller.answered:
+                        selector.unregister(caller.connection)
+                        callers.remove(caller)
+                        if not caller.joined:
+                            caller.connection.close()
+        for caller in callers:
+            caller.connection.close()
         self._programs = [joined[name] for name in sorted(joined)]
         for program in self._programs:
             program.port = self._hub.open_port(
@@ -125,6 +152,29 @@ class SharedBus:
             )
             with suppress(OSError):
                 send_line(program.connection, {"node": program.port.node})
+
+    def _hear(self, caller: _Caller, joined: dict[str, _Program]) -> None:
+        """Read on what a connection says; let it join, or refuse it, once it has said all."""
+        connection = caller.connection
+        try:
+            part = connection.recv(MAX_LINE)
+            caller.line += part
+            if part and not caller.line.endswith(b"\n") and len(caller.line) <= MAX_LINE:
+                return
+            caller.answered = True
+            options = parse_line(caller.line)
+            name, token = str(options["name"]), str(options.get("token", ""))
+            if not hmac.compare_digest(token.encode(), self._token.encode()):
+                send_line(connection, {"error": "the token is not the one that the bus shows"})
+            elif name in joined:
+                send_line(connection, {"error": f"a program '{name}' is on the bus already"})
+            elif len(joined) == self._expected:
+                send_line(connection, {"error": "all programs are on the bus already"})
+            else:
+                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                joined[name], caller.joined = _Program(name, connection, options), True
+        except (KeyError, OSError, ValueError):
+            caller.answered = True
 
     def _ask(self, program: _Program) -> None:
         """Read the question of a program; remove a program that leaves."""

@@ -4,8 +4,9 @@
 -i socketcand …``. Understood: ``open``, ``rawmode``, ``bcmmode`` with ``subscribe`` and
 ``unsubscribe``, ``send``, ``sendrtr``, ``echo`` (doc/protocol.md of linux-can/socketcand). Whatever
 else comes in, malformed or too long, is answered with an error and the connection closed. A
-client that does not read loses frames, which are counted; it never holds up the others or the
-bus. The server listens on 127.0.0.1 by default.
+client that does not read loses frames, which are counted, and is not read from beyond a backlog;
+it never holds up the others or the bus. One that opens nothing within ten seconds is dropped. The
+server listens on 127.0.0.1 by default.
 """
 
 import contextlib
@@ -73,12 +74,16 @@ _MAX_COMMAND: Final = 256
 _BACKLOG_BYTES: Final = 1 << 18
 _MAX_RECEIVED: Final = 4096
 _QUIET_S: Final = 0.1
+_MAX_SUBSCRIBED: Final = 2048
+_PATIENCE_S: Final = 10.0
+"""Time in which a client has to open the bus, and one that is refused to read why."""
 
 
 @dataclass(slots=True, eq=False)
 class _Client:
     place: int
     connection: socket.socket
+    until: float
     received: bytearray = field(default_factory=bytearray)
     outgoing: bytearray = field(default_factory=bytearray)
     held: bytearray = field(default_factory=bytearray)
@@ -205,6 +210,9 @@ class SocketcandServer:
                     self._handle(key.data, events)
             for client in list(self._clients.values()):
                 self._flush(client)
+                if (client.closing or not client.opened) and time.monotonic() > client.until:
+                    self.refused += not client.closing
+                    self._drop(client)
         for client in list(self._clients.values()):
             self._drop(client)
         for end in (self._listener, self._wake_read, self._wake_write):
@@ -223,7 +231,7 @@ class SocketcandServer:
             connection.close()
             return
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        client = _Client(free[0], connection)
+        client = _Client(free[0], connection, time.monotonic() + _PATIENCE_S)
         client.outgoing += b"< hi >"
         with self._lock:
             self._clients[client.place] = client
@@ -248,7 +256,7 @@ class SocketcandServer:
             self.refused += 1
             with self._lock:
                 client.outgoing += f"< error {error} >".encode()
-                client.closing = True
+                client.closing, client.until = True, time.monotonic() + _PATIENCE_S
 
     def _parse(self, client: _Client) -> None:
         while not client.closing:
@@ -293,6 +301,10 @@ class SocketcandServer:
                 ident = int(words[-1], 16)
             except ValueError as error:
                 raise ProtocolError("malformed identifier") from error
+            if not 0 <= ident < 1 << 29:
+                raise ProtocolError("an identifier has at most 29 bits")
+            if command == "subscribe" and len(client.subscribed) >= _MAX_SUBSCRIBED:
+                raise ProtocolError(f"at most {_MAX_SUBSCRIBED} identifiers")
             with self._lock:
                 (client.subscribed.add if command == "subscribe" else client.subscribed.discard)(
                     ident
@@ -324,7 +336,9 @@ class SocketcandServer:
                 client.closing = True
                 client.outgoing.clear()
             done = client.closing and not client.outgoing
-            events = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.outgoing else 0)
+            events = selectors.EVENT_WRITE if client.outgoing else 0
+            if len(client.outgoing) + len(client.held) <= _BACKLOG_BYTES:
+                events |= selectors.EVENT_READ
         if done:
             self._drop(client)
         elif client.place in self._clients:

@@ -1,6 +1,7 @@
 """A bus that several programs share: processes in lock step, the same bytes every time."""
 
 import os
+import socket
 import subprocess
 import sys
 import textwrap
@@ -14,6 +15,7 @@ import pytest
 from canroll.cli.main import main
 from canroll.errors import CanrollError
 from plant_sim.can_bus import NetworkSpec, Segment, build_network
+from plant_sim.can_bus.servers import shared_server
 from plant_sim.can_bus.servers.frames import Mirror
 from plant_sim.can_bus.servers.shared_client import SharedSimBus
 from plant_sim.can_bus.servers.shared_server import SharedBus
@@ -325,3 +327,28 @@ def test_the_command_shares_a_set_with_its_programs():
 def test_the_command_refuses_what_cannot_be(capsys, options, message):
     assert main(["bus", str(ROOT / "dbc" / "roll_control.dbc"), *options]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_silent_connections_hold_up_nobody(monkeypatch):
+    monkeypatch.setattr(shared_server, "GREETING_S", 0.5)
+    address, thread, _ = served(background(), 1)
+    host, port = address.split(":")
+    silent = [socket.create_connection((host, int(port)), timeout=PATIENCE) for _ in range(100)]
+    silent[0].sendall(b'{"name"')
+    assert silent[0].recv(1) == b""  # closed in time
+    with SharedSimBus(address, node="good") as bus:
+        bus.let_pass(0.001)
+    thread.join(PATIENCE)
+    assert not thread.is_alive()
+    for connection in silent:
+        connection.close()
+
+
+def test_a_bus_with_a_token_asks_for_it():
+    address, thread, _ = served(background(), 1, token="secret")
+    for options in ({}, {"token": "secreT"}, {"token": "s\ud800"}):
+        with pytest.raises(can.CanInitializationError, match=r"token|joined"):
+            SharedSimBus(address, node="foreign", **options)
+    SharedSimBus(address, node="good", token="secret").shutdown()
+    thread.join(PATIENCE)
+    assert not thread.is_alive()

@@ -321,3 +321,39 @@ def test_the_stock_logger_writes_what_is_on_the_bus(served, tmp_path):
     with can.LogReader(path) as reader:
         idents = {message.arbitration_id for message in reader}
     assert dbc.load().get_message_by_name("Imu").frame_id in idents
+
+
+def test_a_client_that_reads_no_replies_is_not_read_from(server, monkeypatch):
+    monkeypatch.setattr(socketcand, "_BACKLOG_BYTES", 1 << 12)
+    connection = raw(server)
+    connection.settimeout(0.5)
+    with pytest.raises(TimeoutError):
+        while True:
+            connection.sendall(b"< echo >" * 500)
+    assert len(server._clients[0].outgoing) <= (1 << 12) + 4096
+    with client(server) as other:  # whom it does not hold up
+        other.send(can.Message(arbitration_id=0x55, data=[1], is_extended_id=False))
+        assert server.wait(600.0)
+    connection.close()
+
+
+@pytest.mark.parametrize("last", ["1FFFFFFF0", "-1"])
+def test_what_a_client_subscribes_to_is_bounded(server, monkeypatch, last):
+    monkeypatch.setattr(socketcand, "_MAX_SUBSCRIBED", 3)
+    for words in ([f"{n:X}" for n in range(4)], ["1FFFFFFF", last]):
+        connection = raw(server, b"< open simbus >")
+        connection.sendall("".join(f"< subscribe 0 0 {word} >" for word in words).encode())
+        assert b"error" in everything(connection)
+
+
+def test_a_client_that_opens_nothing_makes_room(server, monkeypatch):
+    monkeypatch.setattr(socketcand, "_PATIENCE_S", 1.0)
+    silent = [raw(server) for _ in range(MAX_CLIENTS)]
+    assert eventually(lambda: not server.clients)
+    assert server.refused == MAX_CLIENTS
+    with client(server) as bus:
+        time.sleep(1.2)  # one that has opened the bus may say nothing
+        bus.send(can.Message(arbitration_id=0x55, data=[1], is_extended_id=False))
+        assert server.wait(600.0)
+    for connection in silent:
+        connection.close()
