@@ -21,6 +21,8 @@ frame, and `canroll_receive` where it returns 1; `canroll_secoc_protect` for eac
 sent.
 
 **`src/canroll_key.c` holds the public development key: replace the file.** No other file has a key.
+As it is it compiles only where `CANROLL_PUBLIC_KEY` is defined, as `make example.elf
+DEFINES=-DCANROLL_PUBLIC_KEY` does for a board; the tests do without it.
 """
 FILES = (
     "| `src/canroll_key.c` | the key of the bus; as it is a public one: replace it |\n"
@@ -48,6 +50,10 @@ extern const uint8_t canroll_key[16];
 KEY_SOURCE = """\
 /* REPLACE THIS FILE: this is the public development key. Yours may come from protected memory. */
 #include "canroll_key.h"
+
+#ifndef CANROLL_PUBLIC_KEY
+#error "src/canroll_key.c has the public development key: replace it, or define CANROLL_PUBLIC_KEY"
+#endif
 
 const uint8_t canroll_key[16] = {{ {key} }};
 """

@@ -24,7 +24,16 @@ MACHINES = {
     "little-endian": ("arm-linux-gnueabihf-gcc", "qemu-arm", "gcc-arm-linux-gnueabihf"),
 }
 """By byte order: compiler, emulator, and the package of the compiler."""
-FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Werror")
+FLAGS = (
+    "-std=c99",
+    "-O2",
+    "-Wall",
+    "-Wextra",
+    "-Wconversion",
+    "-Wsign-conversion",
+    "-Werror",
+    "-DCANROLL_PUBLIC_KEY",
+)
 MAIN = """
 int main(void);
 extern const canroll_calibration calibration;

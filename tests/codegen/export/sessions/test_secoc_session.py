@@ -99,6 +99,16 @@ def test_the_key_is_in_one_file_that_says_what_it_is(folder):
     assert "replace the file" in (folder / "README.md").read_text(encoding="utf-8")
 
 
+@needs_cc
+def test_the_public_key_compiles_where_it_is_asked_for_alone(folder, tmp_path):
+    command = ["cc", "-std=c99", "-c", f"-I{folder / 'include'}", "-o", str(tmp_path / "key.o")]
+    command += [str(folder / "src" / "canroll_key.c")]
+    refused = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert refused.returncode != 0
+    assert "has the public development key: replace it" in refused.stderr
+    subprocess.run([*command, "-DCANROLL_PUBLIC_KEY"], check=True)
+
+
 def test_the_session_is_that_of_another_implementation():
     session = secoc_session.session(of_bus(dbc.SECURED_PATH, dbc.SECURED_MAP))
     sent = [step.expected for step in session.parts[0].steps if step.operation.array == 16]
