@@ -21,6 +21,7 @@ from canroll.campaigns.space import (
     check_correlations,
 )
 from canroll.errors import CanrollError, UnknownNameError, reason
+from canroll.registry import Registry
 from canroll.runs.experiment import plan as plan_run
 from canroll.setup.choices import CHOICES, PASSIVE
 from canroll.studies.variation import CONDITIONS
@@ -196,7 +197,8 @@ def load(
     first = table.get("seed", 0) if seed is None else seed
     draw = {name: read(value, f"{path} [draw] {name}") for name, value in _flat(drawn)}
     places = {name: f"{path} [draw] {name}" for name in draw}
-    for name, registry in {"scenario": MANEUVERS, "bus": BUSES}.items():
+    registries: dict[str, Registry[Any]] = {"scenario": MANEUVERS, "bus": BUSES}
+    for name, registry in registries.items():
         for value in draw[name].extremes() if name in draw else ():
             registry.refuse_code(value, places[name])
     if FAULTS in draw:
