@@ -7,7 +7,7 @@ narrower type only where it is shown to fit, so that no cast changes a value.
 """
 
 import ast
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Literal
@@ -27,6 +27,7 @@ from codegen.c99.text import (
     plain,
 )
 from codegen.operations.c_expression import C_TYPES, PRIMARY, literal
+from codegen.operations.intervals import Value
 from codegen.operations.table import Access
 from codegen.proof.interpreter import Interpreter
 from codegen.proof.prove import prove
@@ -40,6 +41,7 @@ from codegen.subset.program import (
     Module,
     Program,
     Record,
+    statements,
 )
 from codegen.subset.walk import walk
 
@@ -69,12 +71,14 @@ class Emitter:
     def __init__(self, program: Program) -> None:
         rules.check(program)
         self.program = program
-        analysis = Interpreter(program, proof=False)
-        for function in program.functions():
-            analysis.run(function)
-        # whatever no entry point reaches is typed by its function alone
-        self.seen = {**analysis.seen, **prove(program).seen}
         self.linkage = linkage(program)
+        seen = prove(program).seen
+        # what no entry point reaches is typed by its function alone
+        rest = Interpreter(program)
+        for function in program.functions():
+            if function.key in self.linkage.reachable and not _reached(function, seen):
+                rest.run(function)
+        self.seen = {**rest.seen, **seen}
         self.names = Names(program, self.linkage.public)
 
     # files
@@ -243,6 +247,17 @@ class Emitter:
         lines += [f"    (void){name};" for name in function.parameters if name not in used]
         lines += body.lines()
         return [*lines, "}", ""]
+
+
+def _reached(function: Function, seen: Mapping[ast.AST, Value]) -> bool:
+    """Whether every statement and comparison of a function has been run."""
+    nodes = (n for s in statements(function.node) for n in walk(s))
+    values = (
+        node.left if isinstance(node, ast.Compare) else getattr(node, "value", None)
+        for node in nodes
+        if isinstance(node, ast.stmt | ast.Compare)
+    )
+    return all(value in seen for value in values if value is not None)
 
 
 def _described(meaning: str, unit: str, q: int) -> str:

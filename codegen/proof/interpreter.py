@@ -1,219 +1,299 @@
 """Interpreter of the firmware's source on intervals instead of integers.
 
-Two ways of running it share this interpreter. **Modular*: each function separately, with
-parameters of any value and loops to a fixed point; the emitter chooses C types by these intervals.
-*Proof*: calls followed, loops unrolled, each element of each record tracked; every overflow, store,
-index and divisor is an obligation, and :attr:`Interpreter.findings` lists those not met.
-Conditions narrow what they compare; where paths meet their values are joined.
+Calls are followed, loops unrolled or run to a fixed point, each element of each record tracked;
+every overflow, store, index and divisor is an obligation, and :attr:`Interpreter.findings` lists
+those not met. Conditions narrow what they compare; where paths meet their values are joined. Two
+records of one class are two places: nothing known of the one holds of the other.
 """
 
 import ast
+from collections.abc import Iterator, Mapping
 
+from codegen.operations import intervals as iv
 from codegen.operations.intervals import KINDS, Value
+from codegen.operations.relations import RELATIONS, narrow
 from codegen.operations.table import OPERATORS
-from codegen.proof.abstract_state import AbstractState, Array, Element, Reference, same
-from codegen.proof.expressions import ExpressionProof
-from codegen.subset.program import Function, SubsetError, Type
+from codegen.proof.abstract_memory import AbstractState, Element, Place, Way
+from codegen.proof.expressions import Evaluation
+from codegen.subset.program import (
+    FieldReference,
+    Function,
+    Local,
+    Parameter,
+    Program,
+    SubsetError,
+)
+from codegen.subset.walk import walk
 
 UNROLLED = 64
 """Rounds of a loop that are followed one by one."""
 NESTED = UNROLLED**2
 """Rounds of loops in each other that a bounded module may have."""
+WIDENED = 2
+"""Rounds to a fixed point after which what still grows is given up."""
 
 
-class Interpreter(ExpressionProof):
-    """Runs functions of a program on intervals; the module's docstring describes the two modes."""
+class Interpreter(Evaluation):
+    """Runs functions of a program on intervals.
 
-    def run(self, function: Function, state: AbstractState | None = None) -> Value | None:
+    Args:
+        program, calibration, any_calibration: as of the evaluation of expressions.
+        bounded: name of a module whose loops in each other are limited.
+
+    Attributes:
+        turns: the most rounds of each loop.
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        *,
+        calibration: Mapping[tuple[str, tuple[int, ...]], int] | None = None,
+        any_calibration: bool = False,
+        bounded: str = "",
+    ) -> None:
+        super().__init__(program, calibration=calibration, any_calibration=any_calibration)
+        self.turns: dict[ast.For, int] = {}
+        self.returns: list[tuple[Value | None, AbstractState]] = []
+        self.bounded, self.rounds = bounded, 0
+
+    def run(self, function: Function) -> Value | None:
         """Run ``function`` with parameters of any value of their type."""
-        names: dict[str, Value | Reference] = {}
-        for name, its in function.parameters.items():
-            names[name] = self._any(function, name, its)
-        known = state.known if state is not None else {}
-        return self._body(function, names, known)[0]
+        return self._body(function, self.memory.parameters(function), {})[0]
 
-    def _any(self, function: Function, name: str, its: Type) -> Value | Reference:
-        if its.kind == "record":
-            return Reference(its.record)
-        lo, hi = KINDS[its.kind]
-        if not its.shape:
-            return Value(lo, hi)
-        key = (f"parameter {function.module}.{function.name}", name)
-        self.arrays[key] = Array(its.shape, lo, hi)
-        return Reference("", key)
+    # calls
 
     def _paths(
         self,
         function: Function,
-        names: dict[str, Value | Reference],
+        names: dict[str, Value | Place],
         known: dict[Element, Value],
     ) -> list[tuple[Value | None, AbstractState]]:
         """Run a function; return its result and final state for each path."""
-        outer = (self.module, self.function, self.returns)
-        self.module, self.function = self.program.modules[function.module], function
-        self.returns = []
+        outer = self.function, self.returns
+        self.function, self.returns = function, []
         end = self._block(function.node.body, AbstractState(names, dict(known)))
-        if end is not None:
-            self.returns.append((None, end))
-        paths = self.returns
-        self.module, self.function, self.returns = outer
+        paths = self.returns if end is None else [*self.returns, (None, end)]
+        self.function, self.returns = outer
         return paths
 
-    def _block(
-        self, statements: list[ast.stmt], state: AbstractState | None
-    ) -> AbstractState | None:
-        for i, statement in enumerate(statements):
-            if state is None:
-                return None
-            if i and self._asks(statements[i - 1], statement):
-                continue
-            following = statements[i + 1] if i + 1 < len(statements) else None
-            if following is not None and self._asks(statement, following):
-                state = self._by_path(statement, following, state)
+    def _body(
+        self,
+        function: Function,
+        names: dict[str, Value | Place],
+        known: dict[Element, Value],
+    ) -> tuple[Value | None, dict[Element, Value]]:
+        """Run a function; return its result and what is known after it."""
+        result: Value | None = None
+        end: Way = None
+        for value, state in self._paths(function, names, known):
+            state.names = {}
+            if value is not None:
+                result = value if result is None else iv.hull(result, value)
+            end = self.memory.joined(end, state)
+        return result, known if end is None else end.known
+
+    def _outcomes(
+        self, call: ast.Call, state: AbstractState
+    ) -> Iterator[tuple[Value, AbstractState]]:
+        """Result and state for each path of a call, its arguments narrowed by that path."""
+        function = self.refs[call]
+        assert isinstance(function, Function)
+        stale = self._writes(call)
+        for value, end in self._paths(
+            function, self._arguments(call, function, state), state.known
+        ):
+            assert value is not None
+            after = AbstractState(dict(state.names), end.known)
+            for argument, name in zip(call.args, function.parameters, strict=True):
+                learnt = end.names.get(name)
+                if isinstance(learnt, Value) and name not in function.assigned:
+                    self._learn(argument, learnt, after, stale=stale)
+            self._record(call, value)
+            yield value, after
+
+    def _writes(self, node: ast.expr) -> bool:
+        """Whether a call in ``node`` may write, so that what was read before it may be stale."""
+        called = (self.refs[n] for n in walk(node) if isinstance(n, ast.Call))
+        return any(isinstance(f, Function) and f.key in self.program.writers for f in called)
+
+    # conditions
+
+    def branch(self, test: ast.expr, state: AbstractState) -> tuple[Way, Way]:
+        """States in which ``test`` holds and in which it does not; None where impossible."""
+        match test:
+            case ast.UnaryOp():
+                return self.branch(test.operand, state)[::-1]
+            case ast.BoolOp():
+                both = isinstance(test.op, ast.And)
+                current: Way = state
+                left: Way = None
+                for part in test.values:
+                    if current is None:
+                        break
+                    yes, no = self.branch(part, current)
+                    out, current = (no, yes) if both else (yes, no)
+                    left = self.memory.joined(left, out)
+                return (current, left) if both else (left, current)
+        assert isinstance(test, ast.Compare)
+        op, other = type(test.ops[0]), test.comparators[0]
+        each_way = op, RELATIONS[op].negated
+        if isinstance(test.left, ast.Call) and isinstance(self.refs[test.left], Function):
+            ways: list[Way] = [None, None]
+            for value, after in self._outcomes(test.left, state):
+                limit = self.value(other, after)
+                for i, each in enumerate(each_way):
+                    if narrow(each, value, limit) is not None:
+                        ways[i] = self.memory.joined(ways[i], after) if ways[i] else after.copy()
+            return ways[0], ways[1]
+        a, b = self.value(test.left, state), self.value(other, state)
+        yes, no = (self._narrowed(test, each, a, b, state) for each in each_way)
+        return yes, no
+
+    def _narrowed(
+        self, test: ast.Compare, op: type[ast.cmpop], a: Value, b: Value, state: AbstractState
+    ) -> Way:
+        one, two = narrow(op, a, b), narrow(RELATIONS[op].swapped, b, a)
+        if one is None or two is None:
+            return None
+        narrowed, stale = state.copy(), self._writes(test)
+        self._learn(test.left, one, narrowed, stale=stale)
+        self._learn(test.comparators[0], two, narrowed, stale=stale)
+        return narrowed
+
+    def _learn(self, node: ast.expr, value: Value, state: AbstractState, *, stale: bool) -> None:
+        """Narrow what ``node`` reads; of places only where it is not ``stale``."""
+        ref = self.refs.get(node)
+        if isinstance(ref, Local) and isinstance(node, ast.Name):
+            state.names[ref.name] = value
+        elif isinstance(ref, FieldReference | Parameter) and not stale:
+            self.memory.learn(self._place(node, state), value, state)
+
+    # statements
+
+    def _block(self, statements: list[ast.stmt], state: Way) -> Way:
+        todo = list(reversed(statements))
+        while todo and state is not None:
+            statement = todo.pop()
+            if todo and self._asks(statement, todo[-1]):
+                state = self._by_path(statement, todo.pop(), state)
             else:
                 state = self._statement(statement, state)
         return state
 
     def _asks(self, statement: ast.stmt, following: ast.stmt) -> bool:
         """Whether ``following`` is an ``if`` on the result that ``statement`` got from a call."""
-        if not (self.proof and isinstance(statement, ast.AnnAssign)):
-            return False
-        if not (isinstance(following, ast.If) and isinstance(following.test, ast.Compare)):
-            return False
-        call = statement.value
-        if not isinstance(call, ast.Call) or not isinstance(self.refs[call], Function):
-            return False
-        return ast.unparse(following.test.left) == ast.unparse(statement.target)
+        match statement, following:
+            case ast.AnnAssign(value=ast.Call() as call), ast.If(test=ast.Compare(left=left)):
+                asked = ast.unparse(left) == ast.unparse(statement.target)
+                return isinstance(self.refs[call], Function) and asked
+        return False
 
-    def _by_path(
-        self, statement: ast.stmt, following: ast.stmt, state: AbstractState
-    ) -> AbstractState | None:
+    def _by_path(self, statement: ast.stmt, following: ast.stmt, state: AbstractState) -> Way:
         """Run a call and the ``if`` on its result together, path by path."""
         assert isinstance(statement, ast.AnnAssign) and isinstance(statement.value, ast.Call)
-        assert isinstance(statement.target, ast.Name)
-        function, names = self._arguments(statement.value, state)
-        joined: AbstractState | None = None
-        for value, end in self._paths(function, names, state.known):
-            assert value is not None
-            self._record(statement.value, value)
-            after = AbstractState(dict(state.names), end.known)
+        end: Way = None
+        for value, after in self._outcomes(statement.value, state):
             self._store(statement, statement.target, value, after)
-            self._learn_arguments(statement.value, function, end, after)
-            outcome = self._statement(following, after)
-            if outcome is not None:
-                joined = outcome if joined is None else self._join(joined, outcome)
-        return joined
+            end = self.memory.joined(end, self._statement(following, after))
+        return end
 
-    def _statement(self, node: ast.stmt, state: AbstractState) -> AbstractState | None:
-        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-            assert node.value is not None
-            self._store(node, node.target, self.value(node.value, state), state)
-        elif isinstance(node, ast.Assign):
-            self._store(node, node.targets[0], self.value(node.value, state), state)
-        elif isinstance(node, ast.AugAssign):
-            sides = [self.value(node.target, state), self.value(node.value, state)]
-            after = self._operate(node, OPERATORS[type(node.op)], sides)
-            self._store(node, node.target, after, state)
-        elif isinstance(node, ast.If):
-            yes, no = self.branch(node.test, state)
-            yes = self._block(node.body, yes)
-            no = self._block(node.orelse, no)
-            if yes is None or no is None:
-                return yes or no
-            return self._join(yes, no)
-        elif isinstance(node, ast.For):
-            return self._loop(node, state)
-        elif isinstance(node, ast.Return):
-            value = None
-            if node.value is not None:
-                value = self.value(node.value, state)
-                kind = self.function.result or "i64"
-                value = self._stored(node, value, *KINDS[kind], kind)
-            self.returns.append((value, state))
-            return None
-        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
-            self.value(node.value, state)
+    def _statement(self, node: ast.stmt, state: AbstractState) -> Way:
+        match node:
+            case ast.AnnAssign(value=ast.expr() as source):
+                self._store(node, node.target, self.value(source, state), state)
+            case ast.Assign():
+                self._store(node, node.targets[0], self.value(node.value, state), state)
+            case ast.AugAssign():
+                sides = [self.value(node.target, state), self.value(node.value, state)]
+                after = self._operate(node, OPERATORS[type(node.op)], sides)
+                self._store(node, node.target, after, state)
+            case ast.If():
+                yes, no = self.branch(node.test, state)
+                return self.memory.joined(self._block(node.body, yes), self._block(node.orelse, no))
+            case ast.For():
+                return self._loop(node, state)
+            case ast.Return():
+                value = None
+                if node.value is not None:
+                    kind = self.function.result or "i64"
+                    value = self._stored(node, self.value(node.value, state), *KINDS[kind], kind)
+                self.returns.append((value, state))
+                return None
+            case ast.Expr(value=ast.Call() as call):
+                self.value(call, state)
         return state
 
-    def _loop(self, node: ast.For, state: AbstractState) -> AbstractState | None:
+    # loops
+
+    def _loop(self, node: ast.For, state: AbstractState) -> Way:
         assert isinstance(node.iter, ast.Call) and isinstance(node.target, ast.Name)
-        start, stop, step = self._range(node.iter, state)
-        first, last = (start.lo, stop.hi) if step > 0 else (start.hi, stop.lo)
-        known_start = start.lo == start.hi
-        trips = range(first, last, step)
+        i32 = KINDS["i32"]
+        bounds = [self._stored(a, self.value(a, state), *i32, "i32") for a in node.iter.args]
+        start, stop = (Value(0, 0), bounds[0]) if len(bounds) == 1 else (bounds[0], bounds[1])
+        step = bounds[2].lo if len(bounds) == 3 else 1
+        trips = range(start.lo, stop.hi, step) if step > 0 else range(start.hi, stop.lo, step)
         self.turns[node] = max(self.turns.get(node, 0), len(trips))
+        if not trips:
+            return state
+        known = start.lo == start.hi
+        # from an unknown start any number before the end may come
+        last = trips[-1] if known else trips.stop - (1 if step > 0 else -1)
+        counter = Value(min(trips[0], last), max(trips[0], last))
+        # where C's counter ends
+        end = Value(last + step, last + step)
+        self._oblige(node, end.within(*i32), "the counter does not fit i32", end)
         outer = self.rounds
         self._bound(node, len(trips))
-        end = self._rounds(node, state, trips, stop, unrolled=known_start)
+        if known and len(trips) <= UNROLLED:
+            after = self._unrolled(node, node.target.id, trips, stop, state)
+        else:
+            after = self._fixed_point(node, node.target.id, counter, state)
         self.rounds = outer
-        return end
+        return after
 
     def _bound(self, node: ast.For, trips: int) -> None:
         """Multiply the rounds of loops around each other in the bounded module, or refuse them."""
         inside = self.rounds > 0
-        if not (self.proof and (inside or self.module.name == self.bounded)):
-            return
-        self.rounds = max(self.rounds, 1) * max(trips, 1)
-        if inside and self.rounds > NESTED:
-            raise SubsetError(
-                self.module.path,
-                node,
-                f"loops in each other make up to {self.rounds} rounds: limit them to {NESTED}",
-            )
+        if inside or self.function.module == self.bounded:
+            self.rounds = max(self.rounds, 1) * max(trips, 1)
+            if inside and self.rounds > NESTED:
+                path = self.program.modules[self.function.module].path
+                rule = (
+                    f"loops in each other make up to {self.rounds} rounds: limit them to {NESTED}"
+                )
+                raise SubsetError(path, node, rule)
 
-    def _rounds(
-        self, node: ast.For, state: AbstractState, trips: range, stop: Value, *, unrolled: bool
-    ) -> AbstractState | None:
-        assert isinstance(node.target, ast.Name)
-        name, rising = node.target.id, trips.step > 0
-        if self.proof and unrolled and len(trips) <= UNROLLED:
-            current: AbstractState | None = state
-            for k in trips:
-                if current is None:
-                    return None
-                certain = k < stop.lo if rising else k > stop.hi
-                skipped = None if certain else current.copy()
-                current.names[name] = Value(k, k)
-                current = self._block(node.body, current)
-                if skipped is not None:
-                    current = skipped if current is None else self._join(skipped, current)
-            if current is not None:
-                current.names.pop(name, None)
-            return current
-        return self._fixed_point(node, name, trips, state)
+    def _unrolled(self, node: ast.For, name: str, trips: range, stop: Value, state: Way) -> Way:
+        for k in trips:
+            if state is None:
+                return None
+            certain = k < stop.lo if trips.step > 0 else k > stop.hi
+            skipped = None if certain else state.copy()
+            state.names[name] = Value(k, k)
+            state = self.memory.joined(skipped, self._block(node.body, state))
+        if state is not None:
+            state.names.pop(name, None)
+        return state
 
-    def _range(self, call: ast.Call, state: AbstractState) -> tuple[Value, Value, int]:
-        bounds = [self.value(argument, state) for argument in call.args]
-        if len(bounds) == 1:
-            return Value(0, 0), bounds[0], 1
-        return bounds[0], bounds[1], bounds[2].lo if len(bounds) == 3 else 1
-
-    def _fixed_point(
-        self, node: ast.For, name: str, trips: range, state: AbstractState
-    ) -> AbstractState | None:
-        if not trips:
-            return state
-        entry = state
-        for attempt in range(6):
+    def _fixed_point(self, node: ast.For, name: str, counter: Value, state: AbstractState) -> Way:
+        entry, attempt = state, 0
+        while True:
             inside = entry.copy()
-            inside.names[name] = Value(min(trips[0], trips[-1]), max(trips[0], trips[-1]))
+            inside.names[name] = counter
             after = self._block(node.body, inside)
             if after is None:
-                return state
+                return entry
             after.names.pop(name, None)
-            merged = self._join(entry, after)
-            grown = [
-                n
-                for n, value in merged.names.items()
-                if isinstance(value, Value) and not same(value, entry.names.get(n))
-            ]
-            changed = [e for e in merged.known if not same(merged.known[e], entry.known.get(e))]
+            merged = self.memory.joined(entry, after)
+            assert merged is not None
+            grown = [n for n, v in merged.names.items() if v != entry.names.get(n)]
+            changed = [e for e, v in merged.known.items() if v != self.memory.element(e, entry)]
             if not grown and not changed:
                 return merged
-            if attempt >= 2:
+            if attempt >= WIDENED:
                 for n in grown:
                     merged.names[n] = Value(*KINDS[self.function.kinds[n]])
                 for element in changed:
                     del merged.known[element]
-            entry = merged
-        return entry
+            entry, attempt = merged, attempt + 1

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from codegen.operations.intervals import Value, hull
-from codegen.proof.abstract_state import Finding
+from codegen.proof.expressions import Finding
 from codegen.proof.interpreter import Interpreter
 from codegen.subset.parse import load
 from codegen.subset.program import Function, Program
@@ -68,10 +68,10 @@ def prove(
     runs = []
     home = program.modules.get(CHECK[0])
     if home is not None and CHECK[1] in home.functions:
-        loose = Interpreter(program, proof=True, any_calibration=True)
+        loose = Interpreter(program, any_calibration=True)
         loose.run(home.functions[CHECK[1]])
         runs.append(loose)
-    strict = Interpreter(program, proof=True, calibration=calibration, bounded=bounded)
+    strict = Interpreter(program, calibration=calibration, bounded=bounded)
     for function in entry_points(program):
         strict.run(function)
     runs.append(strict)

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from codegen.operations.table import Operation
-from codegen.proof.abstract_state import AbstractState
+from codegen.proof.abstract_memory import AbstractState
 from codegen.proof.interpreter import Interpreter
 from codegen.proof.prove import entry_points
 from codegen.specialise import fold
@@ -28,7 +28,7 @@ class Reached(Interpreter):
     """Runs a program and notes which way its conditions go."""
 
     def __init__(self, program: Program) -> None:
-        super().__init__(program, proof=True)
+        super().__init__(program)
         self.ways: dict[ast.expr, tuple[bool, bool]] = {}
 
     def branch(

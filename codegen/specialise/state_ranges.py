@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 from codegen.operations import intervals as iv
 from codegen.operations.intervals import KINDS, Value
-from codegen.proof.abstract_state import AbstractState
+from codegen.proof.abstract_memory import AbstractState
 from codegen.proof.interpreter import Interpreter
 from codegen.proof.prove import entry_points
 from codegen.specialise import fold
@@ -22,7 +22,7 @@ class Stores(Interpreter):
     """Runs a program and notes what it stores in each field of the state."""
 
     def __init__(self, program: Program) -> None:
-        super().__init__(program, proof=True)
+        super().__init__(program)
         self.stored: dict[str, Value] = {}
 
     def _store(self, node: ast.stmt, target: ast.expr, value: Value, state: AbstractState) -> None:

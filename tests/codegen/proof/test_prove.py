@@ -122,6 +122,103 @@ def run(ecu: Ecu) -> None:
 }
 
 
+CHAIN = "".join(f"    {a}: i32 = 0\n" for a in "abcdefgh")
+HANDED_ON = "".join(f"        {a} = {b}\n" for a, b in zip("abcdefg", "bcdefgh", strict=True))
+LOOPS = {
+    "a number handed on for more rounds than are tried": (
+        f"def run(ecu: Ecu) -> None:\n{CHAIN}    for k in range(100):\n{HANDED_ON}"
+        "        h = 4\n    ecu.x[a] = 1  # here\n",
+        "index of 3 elements",
+    ),
+    "a step from an unknown start": (
+        """
+def run(ecu: Ecu) -> None:
+    first: i32 = clamp(ecu.count, 0, 1)
+    for k in range(first, 4, 2):
+        ecu.x[k] = 99  # here
+""",
+        "index of 3 elements: [0, 3]",
+    ),
+    "a step down from an unknown start": (
+        """
+def run(ecu: Ecu) -> None:
+    first: i32 = clamp(ecu.count, 1, 2)
+    for k in range(first, -2, -2):
+        ecu.x[k] = 99  # here
+""",
+        "index of 3 elements: [-1, 2]",
+    ),
+    "a counter that C adds a step to once more": (
+        """
+def run(ecu: Ecu) -> None:
+    for k in range(2147483640, 2147483647, 3):  # here
+        ecu.count = 1
+""",
+        "the counter does not fit i32",
+    ),
+    "a bound of more than 32 bits": (
+        """
+def run(ecu: Ecu) -> None:
+    last: i64 = MASK + ecu.count
+    for k in range(last):  # here
+        ecu.count = 1
+""",
+        "does not fit i32",
+    ),
+    "bounds of all 64 bits": (
+        """
+def run(ecu: Ecu, first: i64, last: i64) -> None:
+    for k in range(first, last):  # here
+        ecu.count = 1
+""",
+        "does not fit i32",
+    ),
+    "a record that zero is not in, cleared": (
+        """
+from firmware.subset import F, record
+
+@record
+class Own:
+    a: Annotated[i32, F(1, 900, 0, "", "")]
+
+def run(own: Own) -> None:
+    for k in range(100):
+        clear(own)  # here
+""",
+        "a can't be zero",
+    ),
+    "a bound of the one record on the other": (
+        """
+def run(one: Ecu, two: Ecu) -> None:
+    if one.count < 3:
+        one.x[two.count] = 1  # here
+""",
+        "index of 3 elements: [0, 100]",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_no_loop_or_record_is_taken_for_less_than_it_does(sample, name):
+    text, what = LOOPS[name]
+    path = sample.write(text)
+    findings = prove(load("sample", path)).findings
+    assert (findings[0].line, what in str(findings[0])) == (sample.line_of("# here"), True)
+
+
+def test_what_holds_of_one_record_of_a_class_is_known_of_it(sample):
+    path = sample.write("""
+def inner(ecu: Ecu, other: Ecu) -> None:
+    if ecu.count < 3:
+        other.x[ecu.count] = 1
+
+def run(one: Ecu, two: Ecu) -> None:
+    inner(two, one)
+    inner(one, one)
+""")
+    assert prove(load("sample", path)).findings == ()
+
+
 @pytest.mark.parametrize("name", AFTER_CALLS)
 def test_what_a_call_in_a_condition_leaves_is_not_taken_for_less(sample, name):
     path = sample.write(AFTER_CALLS[name])
