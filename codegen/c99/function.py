@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import count
 
 from codegen.c99.linkage import Names
 from codegen.c99.text import broken, comments_of, plain
@@ -53,7 +54,7 @@ class FunctionWriter:
         self.module = module
         self.function = function
         self.refs = program.refs
-        self.counters: dict[str, str] = {}
+        self.counters: list[str] = []
         first = function.node.body[0]
         self.line = first.lineno - 1
         self.seen = seen
@@ -137,19 +138,22 @@ class FunctionWriter:
         """A counted loop."""
         assert isinstance(node.iter, ast.Call) and isinstance(node.target, ast.Name)
         name = node.target.id
-        counter = name if name != "_" else f"turn{len(self.counters) or ''}"
-        bounds = [converted(self.value(bound), "i32") for bound in node.iter.args]
+        if name == "_":
+            taken = {*self.function.parameters, *self.function.kinds}
+            names = (f"turn{k or ''}" for k in count(len(self.counters)))
+            name = next(each for each in names if each not in taken)
+        bounds = [self.fitted(bound, self.value(bound), "i32") for bound in node.iter.args]
         start, stop = (literal(0), bounds[0]) if len(bounds) == 1 else (bounds[0], bounds[1])
         step = bounds[2].value.lo if len(bounds) == 3 else 1
-        advance = {1: f"{counter}++", -1: f"{counter}--"}.get(step, f"{counter} += {step}")
+        advance = {1: f"{name}++", -1: f"{name}--"}.get(step, f"{name} += {step}")
         compare = "<" if step > 0 else ">"
         yield (
-            f"{indent}for (int32_t {counter} = {start.text}; "
-            f"{counter} {compare} {signed(stop).inside(UNARY)}; {advance}) {{"
+            f"{indent}for (int32_t {name} = {start.text}; "
+            f"{name} {compare} {signed(stop).inside(UNARY)}; {advance}) {{"
         )
-        self.counters[counter] = counter
+        self.counters.append(name)
         yield from self.block(node.body, indent + "    ")
-        del self.counters[counter]
+        self.counters.pop()
         yield f"{indent}}}"
 
     def augmented(self, node: ast.AugAssign) -> str:
@@ -235,7 +239,7 @@ class FunctionWriter:
         if isinstance(node.operand, ast.Constant):
             return literal(-int(node.operand.value))  # type: ignore[arg-type]
         operand = self.value(node.operand)
-        if not fits(seen, "i32"):
+        if operand.kind == "u32" or not fits(seen, "i32"):
             operand = widened(operand)
         kind = "i64" if operand.wide else "i32"
         inner = operand.inside(UNARY)

@@ -72,7 +72,7 @@ class Names:
 
 def linkage(program: Program) -> Linkage:
     """Return the linkage of ``program``."""
-    public = {f.key: _public_name(program, f) for f in entry_points(program)}
+    public = {f.key: public_name(program, f) for f in entry_points(program)}
     reachable = _reachable(program, public)
     users = _users(program, reachable)
     shared = set(public) | {
@@ -98,7 +98,7 @@ def linkage(program: Program) -> Linkage:
     return Linkage(public, reachable, frozenset(shared), volatile, opened, homes)
 
 
-def _public_name(program: Program, function: Function) -> str:
+def public_name(program: Program, function: Function) -> str:
     """``canroll_init`` of the first entry module, ``canroll_xcp_init`` of the service ``xcp``."""
     service = f"{function.module}_" if function.module in program.entries[1:] else ""
     return f"canroll_{service}{function.name}"

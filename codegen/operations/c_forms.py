@@ -77,7 +77,7 @@ def rounded(seen: Value, a: Expression, count: Expression) -> Expression:
     a = _signed(a)
     half = 1 << (max(count.value.hi, 1) - 1)
     room = fits(Value(a.value.lo, a.value.hi + half), "i32")
-    if not a.wide and (room or count.value.within(2, 31)):
+    if not a.wide and count.value.hi <= 31 and (room or count.value.lo >= 2):
         text = f"canroll_rsh32{'' if room else '_by'}({a.text}, {count.text})"
         return Expression(text, PRIMARY, "i32", seen)
     known = count.kind == "literal"

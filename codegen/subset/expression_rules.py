@@ -39,10 +39,14 @@ class ExpressionRules:
         """Whether a scalar parameter or local of this name is declared here."""
         return any(name in level for level in self.scope)
 
-    def declare(self, node: ast.AST, name: str) -> None:
-        """Refuse a local with the name of a parameter or of another local visible here."""
+    def declare(self, node: ast.AST, name: str, kind: str) -> None:
+        """Refuse a local with the name of a parameter or another local, but one of its kind."""
         if self.visible(name) or name in self.function.parameters:
             raise self.refuse(node, f"{name} is declared twice")
+        other = self.function.kinds[name]
+        if other != kind:
+            rule = f"{name} is {kind} here and {other} elsewhere: give one another name"
+            raise self.refuse(node, rule)
 
     def truth(self, node: ast.expr) -> None:
         """A condition: comparisons joined by and, or, not."""
@@ -174,6 +178,10 @@ class ExpressionRules:
         record = self.record_of(node)
         if not record:
             raise self.refuse(node, f"{access.name} takes a record")
+        fields = self.program.record(record).fields.values()
+        words = access.element == "i32" and access.effect != "size"
+        if words and all(row.type.kind != "i32" for row in fields):
+            raise self.refuse(node, f"{access.name} takes a record of words: {record} has none")
         constant = record == CONST_RECORD
         if access.effect == "clear" and constant:
             raise self.refuse(node, "the calibration is constant")
@@ -192,7 +200,7 @@ class ExpressionRules:
         self, node: ast.expr, targets: tuple[ast.expr, ...], *, augmented: bool = False
     ) -> None:
         """Refuse a writing call among other reads: C does not define the order of operands."""
-        effects = [inner for inner in walk(node) if self.writes(inner)]
+        effects = [n for part in (node, *targets) for n in walk(part) if self.writes(n)]
         if not effects:
             return
         if len(effects) > 1:
@@ -201,7 +209,7 @@ class ExpressionRules:
         outside = [inner for inner in walk(node) if inner not in inside]
         for target in targets:
             outside += list(walk(target)) if augmented else list(walk(target))[1:]
-        written = set(map(base, targets))
+        written = set() if augmented else set(map(base, targets))
         for inner in outside:
             # what is called with the result of the call comes after it
             if self.reads(inner) and inner not in written and effects[0] not in walk(inner):
@@ -212,6 +220,8 @@ class ExpressionRules:
         match self.program.refs.get(node):
             case FieldReference():
                 return isinstance(node, ast.Attribute)
+            case Parameter(type=kind):
+                return bool(kind.shape) and isinstance(node, ast.Name)
             case Function(parameters=parameters):
                 return isinstance(node, ast.Call) and not all(map(is_scalar, parameters.values()))
             case Access():

@@ -17,6 +17,7 @@ from codegen.subset.program import (
     Constant,
     FieldReference,
     Function,
+    Parameter,
     Program,
     assigned,
     evaluate,
@@ -94,7 +95,7 @@ class _Checker(ExpressionRules):
             raise self.refuse(node, f"{node.target.id} needs a value where it is declared")
         name = node.target.id
         self.name(node, name)
-        self.declare(node, name)
+        self.declare(node, name, ast.unparse(node.annotation))
         self.number(node.value)
         self.order(node.value, ())
         self.scope[-1].add(name)
@@ -156,7 +157,7 @@ class _Checker(ExpressionRules):
         name = node.target.id
         if name != "_":
             self.name(node, name)
-            self.declare(node, name)
+            self.declare(node, name, "i32")
         self.scope.append({name})
         self.loops.append(name)
         self.block(node.body)
@@ -166,11 +167,18 @@ class _Checker(ExpressionRules):
     def steady(self, bound: ast.expr, loop: ast.For) -> None:
         """Refuse a bound that changes in its loop: Python reads it once, C in every iteration."""
         inside = {name for statement in loop.body for name in assigned(statement)}
+        written = self.program.writers.get(self.function.key, frozenset())
         for node in walk(bound):
             if isinstance(node, ast.Name) and node.id in inside:
                 raise self.refuse(bound, f"the loop changes its bound {node.id}")
-            ref = self.program.refs.get(node)
-            if isinstance(ref, FieldReference) and ref.record != CONST_RECORD:
+            match self.program.refs.get(node):
+                case FieldReference(owner=owner, record=record):
+                    steady = record == CONST_RECORD and owner not in written
+                case Parameter(type=kind):
+                    steady = not kind.shape
+                case _:
+                    steady = True
+            if not steady:
                 rule = "a loop's bound must be a constant, a local or a calibration value"
                 raise self.refuse(bound, rule)
             if isinstance(node, ast.Call):

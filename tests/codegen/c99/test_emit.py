@@ -56,6 +56,10 @@ REFUSED = {
         "for k in range(ecu.small):  # here\n ecu.x[0] = k",
         "or a calibration value",
     ),
+    "bound in a calibration that is written": (
+        "for k in range(cal.order):  # here\n set_octet(cal, k, 1)",
+        "a loop's bound must be",
+    ),
     "step zero": ("for k in range(0, 3, 0):  # here\n ecu.count = k", "step must not be 0"),
     "break": ("for k in range(3):\n break  # here", "break is not in the subset"),
     "variable shift": ("a: i64 = 1 << ecu.count  # here", "a shift count is a constant"),
@@ -98,6 +102,16 @@ REFUSED = {
         "ecu.count = set_it(ecu) + octet(ecu, 0)  # here",
         "C orders them freely",
     ),
+    "call that writes what it is added to": ("ecu.count += set_it(ecu)  # here", "C orders them"),
+    "call in the index of a target": ("ecu.x[set_it(ecu)] = ecu.x[0]  # here", "C orders them"),
+    "call in the index of what is changed": ("ecu.x[set_it(ecu)] &= 5  # here", "C orders them"),
+    "clear of bytes": ("clear(flags)  # here", "clear takes a record of words: Flags has none"),
+    "word of bytes": ("ecu.x[0] = word(flags, 0)  # here", "takes a record of words"),
+    "two types of a name": (
+        "for k in range(9):  # here\n ecu.count = k\nif ecu.count > 3:\n k: u32 = 5\n k = k",
+        "k is i32 here and u32 elsewhere",
+    ),
+    "wide bound": ("for k in range(MASK):  # here\n ecu.count = 1", "may not fit i32"),
     "wide in narrow": ("a: i32 = ecu.count << 40  # here", "may not fit i32"),
     "wide in field": ("ecu.x[1] = ecu.x[0] * MASK  # here", "may not fit i32"),
     "negative in byte": ("ecu.small = ecu.x[0]  # here", "may not fit u8"),
@@ -105,6 +119,13 @@ REFUSED = {
 }
 
 HELPERS = """
+from firmware.subset import F, record, set_octet
+
+@record
+class Flags:
+    at: Annotated[list[u8], 5, F(0, 255, 0, "", "")]
+
+
 def set_it(ecu: Ecu) -> i32:
     ecu.count = 1
     return 2
@@ -126,12 +147,40 @@ def take(v: i32) -> None:
 def test_refused_construct_names_file_line_and_rule(sample, name):
     body, rule = REFUSED[name]
     lines = "".join(f"    {line}\n" for line in body.splitlines())
-    path = sample.write(HELPERS + f"def run(ecu: Ecu, cal: Calibration) -> None:\n{lines}")
+    head = "def run(ecu: Ecu, cal: Calibration, flags: Flags) -> None:\n"
+    path = sample.write(HELPERS + head + lines)
     with pytest.raises(SubsetError) as caught:
         emit.emit("sample", path)
     place = f"{sample.file}:{sample.line_of('# here')}: "
     assert str(caught.value).startswith(place), caught.value
     assert rule in str(caught.value)
+
+
+OF_ARRAYS = """
+def fill(row: Annotated[list[u8], 4]) -> i32:
+    row[0] = 7
+    return 1
+
+def run(row: Annotated[list[u8], 4]) -> i32:
+    sum: i32 = 0
+    {body}
+    return sum
+"""
+
+
+@pytest.mark.parametrize(
+    ("body", "rule"),
+    [
+        ("sum = row[0] + 10 * fill(row)  # here", "C orders them freely"),
+        ("row[0] += fill(row)  # here", "C orders them freely"),
+        ("for k in range(row[0]):  # here\n        row[0] = 9", "a loop's bound must be"),
+    ],
+)
+def test_what_is_read_of_an_array_beside_a_write_is_refused(sample, body, rule):
+    path = sample.write(OF_ARRAYS.format(body=body))
+    with pytest.raises(SubsetError, match=rule) as caught:
+        emit.emit("sample", path)
+    assert f"{sample.file}:{sample.line_of('# here')}: " in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -320,6 +369,22 @@ def test_what_may_not_fit_an_unsigned_type_is_refused(sample, body):
         unsigned(sample, body)
 
 
+def test_the_negative_of_an_unsigned_number_is_computed_in_64_bits(sample):
+    c = unsigned(sample, "r: u32 = to_u32(ecu.x[0]) & 255\n    return narrow(-r >> 1)\n")
+    assert "-(int64_t)r >> 1" in c
+    c = unsigned(
+        sample,
+        "r: u32 = to_u32(ecu.x[0]) & 255\n    if -r < 5:\n        return 1\n    return 0\n",
+    )
+    assert "if (-(int64_t)r < 5) {" in c
+
+
+def test_a_loop_without_a_counter_has_a_name_that_is_no_local(sample):
+    body = "turn: i32 = 5\n    for _ in range(3):\n        turn += turn\n    return 0\n"
+    c = unsigned(sample, body)
+    assert "for (int32_t turn1 = 0; turn1 < 3; turn1++) {" in c
+
+
 def test_a_shift_that_may_exceed_32_bits_is_done_in_64(sample):
     sample.write(
         """
@@ -328,6 +393,8 @@ def test_a_shift_that_may_exceed_32_bits_is_done_in_64(sample):
             ecu.x[0] = clamp(rsh(small, cal.shift), -8, 7)
             ecu.x[1] = clamp(rsh(small, 52), -8, 7)
             ecu.x[2] = clamp(rsh(small, 31), -8, 7)
+            negative: i32 = clamp(k, -8, -1)
+            ecu.m[1][0] = clamp(rsh(negative, 32), -8, 7)
             ecu.small = byte((ecu.small << 40) >> 40)
             ecu.count = clamp(ecu.count >> 33, 0, 100)
             bits: u32 = to_u32(clamp(k, 0, 0))
@@ -338,6 +405,7 @@ def test_a_shift_that_may_exceed_32_bits_is_done_in_64(sample):
     assert "canroll_rsh_by(small, cal->shift)" in text
     assert "canroll_rsh(small, 52)" in text
     assert "canroll_rsh32(small, 31)" in text
+    assert "canroll_rsh(negative, 32)" in text
     assert "* ((int64_t)1 << 40)) >> 40" in text
     assert "(int64_t)ecu->count >> 33" in text
     assert "* ((int64_t)1 << 35)" in text
