@@ -162,7 +162,7 @@ class FunctionWriter:
         before, operand = self.value(node.target), self.value(node.value)
         operation = OPERATORS[type(node.op)]
         operator = operation.name
-        result = operation.c(self.seen[node], before, operand)
+        result = operation.c(self.seen.get(node, Value(0, 0)), before, operand)
         stored = self.stored(node, result, kind)
         whole = kind == "i64" or (kind == "i32" and not result.wide)
         simple = operator in "+-*&|^" and whole

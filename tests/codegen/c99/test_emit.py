@@ -385,6 +385,11 @@ def test_a_loop_without_a_counter_has_a_name_that_is_no_local(sample):
     assert "for (int32_t turn1 = 0; turn1 < 3; turn1++) {" in c
 
 
+def test_what_is_never_run_has_its_c_too(sample):
+    body = "sum: i32 = 0\n    for k in range(4, 3):\n        sum += k * ecu.x[0]\n    return sum\n"
+    assert "sum += k * ecu->x[0];" in unsigned(sample, body)
+
+
 def test_a_shift_that_may_exceed_32_bits_is_done_in_64(sample):
     sample.write(
         """
