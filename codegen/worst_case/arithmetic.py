@@ -87,6 +87,8 @@ def compute(state: MachineState, insn: CsInsn, name: str) -> None:
     )
     value, flags = _result(state, insn, name)
     if not targets:
+        # such as teq, which is not modelled
+        state.flags = None
         return
     for register in targets:
         state.set(register, I32 if len(targets) > 1 else value)
@@ -111,9 +113,9 @@ def _compare(state: MachineState, insn: CsInsn, name: str) -> None:
         state.flags = Flags(_and(a, b), ZERO, borrow=False)
         return
     if name == "cmn":
-        state.flags = None if b.lo <= I32.lo else Flags(a, negate(b), _register(insn, 0))
-        if state.flags is not None and b.lo != b.hi:
-            state.flags = None
+        # not of 0: the carry of a + 0 is not that of a - 0
+        known = b.lo == b.hi and b.lo not in (0, I32.lo)
+        state.flags = Flags(a, negate(b), _register(insn, 0)) if known else None
         return
     state.flags = Flags(a, b, _register(insn, 0), _register(insn, 1))
 
@@ -193,7 +195,8 @@ def _extended(operands: Operands, size: int, signed: bool) -> Effect:
 def _unsigned_field(operands: Operands) -> Effect:
     low, width = operands.immediate(2), operands.immediate(3)
     value = logical_right(operands.value(1), low)
-    return (value if value.hi < 1 << width else Value(0, (1 << width) - 1)), None
+    field = Value(0, (1 << width) - 1)
+    return (value if value.within(field.lo, field.hi) else wrapped(field)), None
 
 
 def _signed_field(operands: Operands) -> Effect:
@@ -202,10 +205,8 @@ def _signed_field(operands: Operands) -> Effect:
 
 
 def _saturated(operands: Operands, signed: bool) -> Effect:
-    bits = operands.immediate(1)
-    half = 1 << (bits - 1)
-    low, high = (-half, half - 1) if signed else (0, (1 << bits) - 1)
-    return operands.value(2).limited(low, high), None
+    top = (1 << (operands.immediate(1) - signed)) - 1
+    return operands.value(2).limited(-top - 1 if signed else 0, top), None
 
 
 def _sum(operands: Operands) -> Effect:
