@@ -70,7 +70,7 @@ def text(export: Export, code: Code) -> str:
         "cases": SPECIALISED_CASES
         if export.specialised
         else GENERAL_CASES.format(unreached=coverage_cases.table()),
-        "interrupts": interrupts.table(firmware.program()),
+        "interrupts": interrupts.table(served.program()),
         "figures": figures.table(export.record, firmware, served)
         if export.measured
         else figures.UNKNOWN.format(missing="it was not asked for"),
