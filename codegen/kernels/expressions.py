@@ -2,7 +2,8 @@
 
 import ast
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -101,6 +102,15 @@ class KernelScope:
     call: Callable[[Any, list[KernelValue], dict[str, KernelValue]], KernelValue]
     table: Callable[[np.ndarray], KernelValue]
     make: Callable[[ast.Call], KernelValue]
+    calls: int = 0
+
+    @contextmanager
+    def twice(self, node: ast.AST) -> Iterator[None]:
+        """Refuse a kernel's call in what is translated here: C has the text of ``node`` twice."""
+        before = self.calls
+        yield
+        if self.calls > before:
+            raise self.refuse(node, "C would call this twice: assign its result to a name first")
 
     def refuse(self, node: ast.AST, why: str) -> KernelError:
         """The error for a construct outside the subset."""
@@ -249,6 +259,8 @@ class KernelScope:
         if isinstance(node.op, ast.Pow):
             power = self.static(node.right)
             if power is not None and power.value == 2:
+                with self.twice(node.left):
+                    self.number(node.left)
                 return KernelValue(kind, f"({left.c} * {left.c})")
             return KernelValue(FLOAT, f"pow({left.c}, {right.c})")
         if isinstance(node.op, ast.FloorDiv | ast.Mod):
@@ -275,6 +287,9 @@ class KernelScope:
     def _compare(self, node: ast.Compare) -> KernelValue:
         parts, left = [], node.left
         for operator, right in zip(node.ops, node.comparators, strict=True):
+            if left is not node.left or isinstance(operator, ast.In | ast.NotIn):
+                with self.twice(left):
+                    self.number(left)
             if isinstance(operator, ast.In | ast.NotIn):
                 assert isinstance(right, ast.Tuple)
                 found = " || ".join(
@@ -320,6 +335,7 @@ class KernelScope:
             cast, kind = CASTS[kernel]
             return KernelValue(kind, f"({cast}({arguments[0].c}))")
         given = {word.arg: self.value(word.value) for word in node.keywords if word.arg}
+        self.calls += 1
         return self.call(kernel, arguments, given)
 
     def _reshaped(self, node: ast.Call, method: ast.Attribute) -> KernelValue:

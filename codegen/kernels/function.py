@@ -124,17 +124,30 @@ class KernelWriter:
         self._assign_to(node.target, node.value, depth)
 
     def _assign(self, node: ast.Assign, depth: int) -> None:
-        if len(node.targets) > 1:
-            for target in reversed(node.targets):
-                self._assign_to(target, node.value, depth)
+        if len(node.targets) == 1:
+            self._assign_to(node.targets[0], node.value, depth)
             return
-        self._assign_to(node.targets[0], node.value, depth)
+        self.put(depth, "{")
+        held = self._held(self.scope.value(node.value), depth + 1)
+        for target in node.targets:
+            self._store(target, held, depth + 1)
+        self.put(depth, "}")
+
+    def _held(self, value: KernelValue, depth: int) -> KernelValue:
+        """A value in a name of its own, so that C computes it once."""
+        self.loops += 1
+        name = f"held{self.loops}"
+        self.put(depth, f"{self.structs.c(value.kind)} {name} = {value.c};")
+        return KernelValue(value.kind, name)
 
     def _assign_to(self, target: ast.expr, source: ast.expr, depth: int) -> None:
         if isinstance(target, ast.Tuple):
             self._unpack(target, source, depth)
             return
         value = self.scope.value(source)
+        if isinstance(target, ast.Subscript) and isinstance(value.kind, ArrayKind):
+            with self.scope.twice(source):
+                self.scope.value(source)
         self._store(target, value, depth)
 
     def make(self, source: ast.Call) -> KernelValue:
@@ -190,21 +203,24 @@ class KernelWriter:
         raise self.scope.refuse(target, "nothing that can be assigned to")
 
     def _store_slice(self, target: ast.Subscript, value: KernelValue, depth: int) -> None:
-        part = self.scope.place(target)
-        assert isinstance(part.kind, ArrayKind)
-        owner = self.scope.value(target.value)
-        assert isinstance(owner.kind, ArrayKind) and isinstance(target.slice, ast.Slice)
-        low = self.scope.number(target.slice.lower).c if target.slice.lower else "0"
-        high = str(owner.kind.shape[0])
-        if target.slice.upper is not None:
-            high = self.scope.number(target.slice.upper).c
-        elif owner.kind.shape[0] is None:
-            raise self.scope.refuse(target, "the length is not known")
+        with self.scope.twice(target):
+            part, owner = self.scope.place(target), self.scope.value(target.value)
+            assert isinstance(part.kind, ArrayKind)
+            assert isinstance(owner.kind, ArrayKind) and isinstance(target.slice, ast.Slice)
+            low = self.scope.number(target.slice.lower).c if target.slice.lower else "0"
+            high = str(owner.kind.shape[0])
+            if target.slice.upper is not None:
+                high = self.scope.number(target.slice.upper).c
+            elif owner.kind.shape[0] is None:
+                raise self.scope.refuse(target, "the length is not known")
+        self.put(depth, "{")
         self.loops += 1
+        if isinstance(value.kind, NumberKind):
+            value = self._held(value, depth + 1)
         index = f"k{self.loops}"
         item = f"{value.c}[{index}]" if isinstance(value.kind, ArrayKind) else value.c
-        self.put(depth, f"for (int64_t {index} = 0; {index} < ({high}) - ({low}); {index}++) {{")
-        self.put(depth + 1, f"{part.c}[{index}] = {item};")
+        head = f"for (int64_t {index} = 0; {index} < ({high}) - ({low}); {index}++)"
+        self.put(depth + 1, f"{head} {part.c}[{index}] = {item};")
         self.put(depth, "}")
 
     def _unpack(self, target: ast.Tuple, source: ast.expr, depth: int) -> None:
@@ -233,6 +249,8 @@ class KernelWriter:
         yes, no = source.body, source.orelse
         if not (isinstance(yes, ast.Tuple) and isinstance(no, ast.Tuple)):
             raise self.scope.refuse(source, "no choice between tuples")
+        with self.scope.twice(source.test):
+            self.scope.number(source.test)
         choices: list[ast.expr] = [
             ast.copy_location(ast.IfExp(test=source.test, body=a, orelse=b), source)
             for a, b in zip(yes.elts, no.elts, strict=True)
@@ -241,6 +259,8 @@ class KernelWriter:
 
     def _augassign(self, node: ast.AugAssign, depth: int) -> None:
         load: ast.expr = ast.parse(ast.unparse(node.target), mode="eval").body
+        with self.scope.twice(node.target):
+            self.scope.value(load)
         whole = ast.copy_location(ast.BinOp(left=load, op=node.op, right=node.value), node)
         self._store(node.target, self.scope.value(whole), depth)
 
@@ -265,8 +285,8 @@ class KernelWriter:
         if isinstance(node.iter, ast.Tuple):
             items = ", ".join(self.scope.number(its).c for its in node.iter.elts)
             count = len(node.iter.elts)
+            self.put(depth, f"const int64_t items{self.loops}[] = {{ {items} }};")
             self.put(depth, f"for (int64_t {index} = 0; {index} < {count}; {index}++) {{")
-            self.put(depth + 1, f"const int64_t items{self.loops}[] = {{ {items} }};")
             self.put(depth + 1, f"{node.target.id}_ = items{self.loops}[{index}];")
         else:
             self._range(node, index, last, depth)
