@@ -169,6 +169,7 @@ class Writer:
 
     def statement(self, depth: int) -> None:
         kinds = ["declared", "stored", "stored", "augmented", "assigned", "called"]
+        kinds += ["stepped", "gathered", "unsigned"]
         kinds += ["branch", "loop", "guarded", "relay", "ended"] if depth > 0 else []
         getattr(self, f"_{self.pick(*kinds)}")(depth)
 
@@ -240,6 +241,26 @@ class Writer:
         self.counters.append(name)
         self.block(depth - 1)
         self.counters.pop()
+
+    def _stepped(self, depth: int) -> None:
+        """A counter that is an index, in steps from a start of a short range."""
+        name = self.fresh("first")
+        self.put(f"{name}: i32 = clamp({self.leaf()}, 0, {self.pick('1', '2')})")
+        last, step = self.pick("3", "4", "5", "5"), self.pick("2", "3")
+        self.put(f"for k{name} in range({name}, {last}, {step}):")
+        self.put(f"    {self.pick(*ELEMENTS)}[k{name}] = {self.pick('0', '9')}")
+
+    def _gathered(self, depth: int) -> None:
+        """Bits of what a call returns, of a place that it may write."""
+        shapes = "p[0] &= fill(p, u)", "one.a[1] &= poke(one, u)", "two.a[1] &= poke(one, v)"
+        self.put(self.pick(*shapes))
+
+    def _unsigned(self, depth: int) -> None:
+        """The negative of an unsigned number, compared and shifted."""
+        name = self.fresh("x")
+        self.put(f"{name}: u32 = to_u32({self.pick('u', 'v')}) & 255")
+        self.put(f"if -{name} < {self.pick('5', 'v')}:")
+        self.put(f"    one.n = clamp(-{name} >> {self.pick('1', '7')}, -100, 100)")
 
     def _relay(self, depth: int) -> None:
         """Locals that hand a number on, one further each round."""

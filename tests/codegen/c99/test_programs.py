@@ -190,5 +190,5 @@ def test_accepted_programs_are_the_same_in_c_and_in_bounds():
 @pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
 def test_a_million_operations_are_the_same_in_c_and_in_bounds():
     kept, operations = check(700, available(), 400)
-    assert kept > 200
+    assert kept > 100
     assert operations > 1_000_000
