@@ -61,19 +61,21 @@ def built(name: str, file: str, make: Callable[[Path], Path]) -> Path:
         file: with compiled code.
         make: makes it in an empty folder, and returns its path there.
     """
-    home = folder(name)
-    if not _is_whole(home / file) and not os.access(home, os.W_OK):
-        home = private(name)
-    target = home / file
-    if not _is_whole(target):
-        with tempfile.TemporaryDirectory(dir=home) as temporary:
-            made = make(Path(temporary))
-            made.chmod(OWN)
-            digest = hashlib.sha256(made.read_bytes()).digest()
-            with made.open("rb") as content:
-                os.fsync(content)
-            os.replace(made, target)
-        write(_digest_of(target), digest)
+    target = folder(name) / file
+    if _is_whole(target):
+        return target
+    if not os.access(target.parent, os.W_OK):
+        target = private(name) / file
+        if _is_whole(target):
+            return target
+    with tempfile.TemporaryDirectory(dir=target.parent) as temporary:
+        made = make(Path(temporary))
+        made.chmod(OWN)
+        digest = hashlib.sha256(made.read_bytes()).digest()
+        with made.open("rb") as content:
+            os.fsync(content)
+        os.replace(made, target)
+    write(_digest_of(target), digest)
     return target
 
 

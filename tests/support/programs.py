@@ -155,8 +155,8 @@ class Writer:
     def effect(self, limits: str) -> str:
         """A call that writes, alone or beside what may be read before or after it."""
         call = self.pick(f"poke({self.record()}, 1)", "fill(p, u)", f"fill({self.record()}.c, v)")
-        beside = self.pick(call, f"{call} + {self.leaf()}", f"{self.leaf()} - {call}")
-        return f"clamp({beside}, {limits})"
+        operand = self.pick(call, f"{call} + {self.leaf()}", f"{self.leaf()} - {call}")
+        return f"clamp({operand}, {limits})"
 
     def test(self) -> str:
         a, b = self.number(1), self.leaf()

@@ -40,19 +40,19 @@ def test_the_sequence_covers_at_all_times(probability):
 
 def test_the_sequence_is_where_the_martingale_is_below_its_bound():
     for events, draws in ((0, 50), (3, 100), (40, 64), (64, 64)):
-        found = always(events, draws)
-        for end in (found.low, found.high):
+        interval = always(events, draws)
+        for end in (interval.low, interval.high):
             if 0 < end < 1:
                 assert martingale(events, draws, end) == pytest.approx(np.log(20), abs=1e-6)
-        assert found.low <= events / draws <= found.high
+        assert interval.low <= events / draws <= interval.high
     assert (always(0, 0).low, always(0, 0).high) == (0.0, 1.0)
 
 
 @pytest.mark.parametrize("draws", [3_000_000, 10_000_000, 10**12])
 def test_one_event_in_very_many_draws_has_an_interval(draws):
     for events in (1, draws - 1):
-        found = always(events, draws)
-        assert 0.0 <= found.low < events / draws < found.high <= 1.0
+        interval = always(events, draws)
+        assert 0.0 <= interval.low < events / draws < interval.high <= 1.0
     rare = always(1, draws)
     assert 0.0 < rare.low < 1e-3 / draws
     assert martingale(1, draws, rare.low) == pytest.approx(np.log(20), abs=1e-6)

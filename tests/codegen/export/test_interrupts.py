@@ -45,11 +45,11 @@ def of(record, *fields):
 
 
 def test_services_keep_to_it_too():
-    found = interrupts.check(load(services=("xcp", "uds", "nvm", "nvm_uds", "secoc")))
-    assert found["canroll_tick"] == interrupts.check()["canroll_tick"]
-    assert found["canroll_xcp_receive"].writes == of("Xcp", "rx_payload", "rx_length", "rx_fresh")
-    assert found["canroll_uds_receive"].writes == of("Uds", "rx_payload", "rx_fresh")
-    assert found["canroll_receive"].writes == of("Ecu", "rx_payload", "rx_fresh", "rx_own")
+    entries = interrupts.check(load(services=("xcp", "uds", "nvm", "nvm_uds", "secoc")))
+    assert entries["canroll_tick"] == interrupts.check()["canroll_tick"]
+    assert entries["canroll_xcp_receive"].writes == of("Xcp", "rx_payload", "rx_length", "rx_fresh")
+    assert entries["canroll_uds_receive"].writes == of("Uds", "rx_payload", "rx_fresh")
+    assert entries["canroll_receive"].writes == of("Ecu", "rx_payload", "rx_fresh", "rx_own")
 
 
 @pytest.mark.parametrize(
@@ -111,9 +111,11 @@ def tick(own: Own, ecu: Ecu) -> None:
 def test_an_unsafe_interrupt_of_a_service_is_refused(sample, receive, tick, word):
     program(sample, "ecu.bytes[1] = 1", "ecu.count = 2")
     (sample.path / "other.py").write_text(SERVICE.format(receive=receive, tick=tick).lstrip("\n"))
-    its = load("sample", sample.path, services=["other"])
+    served = load("sample", sample.path, services=["other"])
     if word is None:
-        assert interrupts.check(its)["canroll_other_tick"].writes == of("Own", "rx_fresh", "count")
+        assert interrupts.check(served)["canroll_other_tick"].writes == of(
+            "Own", "rx_fresh", "count"
+        )
     else:
         with pytest.raises(CanrollError, match=word):
-            interrupts.check(its)
+            interrupts.check(served)

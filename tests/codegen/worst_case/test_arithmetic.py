@@ -84,8 +84,8 @@ class Machine:
             self.uc.emu_start(SCRATCH | 1, SCRATCH + len(COMPARED + code))
         except self.unknown:
             return None
-        found = [self.uc.reg_read(number) for number in self.numbers]
-        return [v - (1 << 32) * (v >> 31) for v in found], self.uc.reg_read(self.flags)
+        registers = [self.uc.reg_read(number) for number in self.numbers]
+        return [v - (1 << 32) * (v >> 31) for v in registers], self.uc.reg_read(self.flags)
 
 
 def interval(rng, value):
@@ -129,10 +129,10 @@ def kept(state, places, values, what):
 
 @pytest.mark.parametrize("count", [1000, pytest.param(100_000, marks=pytest.mark.long)])
 def test_registers_and_flags_lie_in_what_is_stated(count):
-    machine, thumb, rng, found = Machine(), decoder(), random.Random(count), 0
+    machine, thumb, rng, compared = Machine(), decoder(), random.Random(count), 0
     codes = encodings(rng)
-    while found < count:
-        found += tried(machine, thumb, rng, next(codes))
+    while compared < count:
+        compared += tried(machine, thumb, rng, next(codes))
 
 
 @pytest.mark.parametrize(

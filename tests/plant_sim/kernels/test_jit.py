@@ -128,8 +128,8 @@ def test_a_damaged_entry_is_compiled_again(tmp_path, suffix):
     assert run() == "2 0\n"
     (entry,) = (tmp_path / "cache").rglob(f"*{suffix}")
     assert entry.stat().st_mode & 0o777 == 0o600
-    whole = entry.read_bytes()
-    for damaged in (whole[: len(whole) // 2], whole[:-1] + bytes([whole[-1] ^ 1])):
+    content = entry.read_bytes()
+    for damaged in (content[: len(content) // 2], content[:-1] + bytes([content[-1] ^ 1])):
         entry.write_bytes(damaged)
         assert run() == "2 0\n"
     entry.chmod(0o622)
