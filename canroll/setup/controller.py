@@ -22,7 +22,6 @@ from firmware.calibration import Calibration
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE
 from gain_gen.calibration.calibration_file import LoadedCalibration, load
 from gain_gen.calibration.options import ACTUATOR_NUMBER, QuantiseOptions
-from gain_gen.calibration.resolution import of_bus
 from gain_gen.laws import LAWS, WITHOUT_ROLL_RATE, is_of_user
 from gain_gen.models.task import Delay, Design, Task, made_of
 from gain_gen.monitors.uncertainty import BY_STEERING, EVERY, of_vehicle, stated
@@ -125,7 +124,12 @@ def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
     if delay is None:
         command = COMMANDS[ACTUATOR_NUMBER[actuator]]
         delay = sample_to_force(vehicle, command, profile, tick=tick)
+    resolution = None
     own = bus_map(profile)
+    if own is not None:
+        from gain_gen.calibration.resolution import of_bus  # noqa: PLC0415
+
+        resolution = of_bus(own)
     return Task(
         vehicle=vehicle,
         delay=delay,
@@ -137,7 +141,7 @@ def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
         moment_share=choices.get("moment_share"),
         matrices=str(choices.get("matrices") or ""),
         unverified=chosen(choices, "unverified"),
-        resolution=None if own is None else of_bus(own),
+        resolution=resolution,
     )
 
 
