@@ -7,7 +7,7 @@ the share that keeps the car's steering balance. Dampers follow the four-conditi
 (25) to (28).
 """
 
-from firmware.calibration import BARS, DAMPERS, STATE_MAX, SUSPENSION, Calibration
+from firmware.calibration import BARS, DAMPERS, ONE, STATE_MAX, SUSPENSION, Calibration
 from firmware.fixed_point import product, quotient
 from firmware.state import Ecu
 from firmware.subset import clamp, i32, narrow, rsh, sat31, sat32
@@ -24,10 +24,10 @@ SIDE_SIGN: tuple[i32, ...] = (1, -1, 1, -1)
 
 
 def corner_limit(ecu: Ecu, cal: Calibration, corner: i32) -> i32:
-    """Return the largest force of a corner, none where it is stuck or floating."""
-    if ecu.failed[corner] == 1:
-        return 0
-    return cal.force_max[corner]
+    """Return the largest force of a corner, in the end none where it is stuck or floating."""
+    if ecu.trust[corner] == ONE:
+        return cal.force_max[corner]
+    return product(cal.force_max[corner], ecu.trust[corner], 30)
 
 
 def split_axle(ecu: Ecu, cal: Calibration, axle: i32, moment: i32) -> i32:
@@ -88,10 +88,9 @@ def allocate_suspension(ecu: Ecu, cal: Calibration, moment: i32) -> None:
 
 
 def bar_limit(ecu: Ecu, cal: Calibration, axle: i32) -> i32:
-    """Return the largest moment of a bar, none where one of its corners has failed."""
-    if ecu.failed[2 * axle] == 1 or ecu.failed[2 * axle + 1] == 1:
-        return 0
-    return cal.bar_max[axle]
+    """Return the largest moment of a bar, in the end none where one of its corners has failed."""
+    trust: i32 = clamp(ecu.trust[2 * axle], 0, ecu.trust[2 * axle + 1])
+    return product(cal.bar_max[axle], trust, 30)
 
 
 def allocate_bars(ecu: Ecu, cal: Calibration, moment: i32) -> None:

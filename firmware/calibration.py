@@ -125,12 +125,19 @@ class Calibration:
     timeout_ticks: Annotated[list[i32], N_RX, F(0, 100000, 0, "ticks", "0: not needed")]
     init_ticks: Annotated[i32, F(1, 100000, 0, "ticks", "good inputs before ACTIVE")]
     recovery_ticks: Annotated[i32, F(1, 100000, 0, "ticks", "good inputs before SAFE ends")]
-    ramp_ticks: Annotated[i32, F(1, 100000, 0, "ticks", "ramp of the authority to and from 0")]
+    ramp_ticks: Annotated[i32, F(1, 100000, 0, "ticks", "ramp of the law's authority from 0")]
+    release_ticks: Annotated[
+        i32, F(1, 100000, 0, "ticks", "in which a moment fades that is taken away")
+    ]
     stuck_ticks: Annotated[i32, F(1, 100000, 0, "ticks", "an unchanging sample counter is stuck")]
     roll_rate_max: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "plausible roll rate")]
     acceleration_max: Annotated[
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "plausible lateral acceleration")
     ]
+    speed_fall: Annotated[
+        i32, F(0, 200 << Q_SPEED, Q_SPEED, "m/s", "most that brakes take from the speed a tick")
+    ]
+    speed_noise: Annotated[i32, F(0, 200 << Q_SPEED, Q_SPEED, "m/s", "and noise besides")]
 
     # observer: states are roll, roll rate, effective a_y, its rate, gyro bias
     phi: Annotated[

@@ -12,10 +12,13 @@ from firmware.calibration import (
     BYPASS,
     COMPENSATOR,
     N_ORDER,
+    ONE,
     OUTPUT_FEEDBACK,
+    VALVES,
     Calibration,
 )
 from firmware.fixed_point import product, shifted, weighted
+from firmware.plausibility import BAD_ACCELERATION
 from firmware.state import ACTIVE, DEGRADED, LATERAL, ROLL, ROLL_RATE, Ecu
 from firmware.subset import clamp, i32, i64, narrow, rsh, sat31
 
@@ -86,23 +89,53 @@ def advance_compensator(ecu: Ecu, cal: Calibration, steered: i32) -> None:
         ecu.compensator_x[i] = ecu.work[i]
 
 
-def limited(ecu: Ecu, cal: Calibration, wanted: i32, last: i32, steps: i32) -> i32:
-    """Apply schedule, authority, moment limit and slew limit to a wanted output."""
+def curve(ecu: Ecu, cal: Calibration) -> i32:
+    """Return the lateral acceleration (Q24) that is known, 0 where none is."""
+    if cal.observer == BYPASS:
+        return ecu.x[LATERAL]
+    if ecu.lateral_lost == 1 or ecu.bad_ticks[BAD_ACCELERATION] > 0:
+        return 0
+    return ecu.lateral_acceleration
+
+
+def fading(ecu: Ecu, cal: Calibration, output: i32) -> i32:
+    """Return what is left of a held output: in a curve that is known, nothing outward."""
+    left: i32 = product(ecu.held[output], ecu.released, 30)
+    if cal.actuator == VALVES:
+        return left
+    acceleration: i32 = curve(ecu, cal)
+    if (left > 0 and acceleration > 0) or (left < 0 and acceleration < 0):
+        return 0
+    return left
+
+
+def limited(ecu: Ecu, cal: Calibration, wanted: i32, output: i32, steps: i32) -> i32:
+    """Apply schedule, authority, moment limit and slew limit to a wanted output.
+
+    Where the law is not fully on, what is held of before makes up the rest.
+    """
     u: i32 = product(wanted, ecu.gain_factor, 28)
-    u = clamp(rsh(u * ecu.authority, 30), -cal.moment_max, cal.moment_max)
+    if ecu.authority != ONE:
+        u = sat31(rsh(u * ecu.authority, 30) + rest(ecu, cal, output))
+    u = clamp(u, -cal.moment_max, cal.moment_max)
+    last: i32 = ecu.outputs[output]
     step: i32 = sat31(steps * cal.slew_max)
     return sat31(clamp(u - last, -step, step) + last)
 
 
+def rest(ecu: Ecu, cal: Calibration, output: i32) -> i32:
+    """Return the share of a held output that the law leaves over."""
+    return product(fading(ecu, cal, output), ONE - ecu.authority, 30)
+
+
 def control(ecu: Ecu, cal: Calibration, steps: i32) -> None:
-    """Compute the moment of this tick; in INIT and SAFE it only ramps to zero.
+    """Compute the moment of this tick; in INIT and SAFE what is held only fades.
 
     The slew limit is that of ``steps`` ticks; a compensator takes one step, however many it was.
     """
     if ecu.mode != ACTIVE and ecu.mode != DEGRADED:
         for k in range(2):
-            held: i64 = rsh(ecu.last_outputs[k] * ecu.authority, 30)
-            ecu.outputs[k] = narrow(held)
+            ecu.outputs[k] = fading(ecu, cal, k)
         ecu.moment = sat31(ecu.outputs[0] + ecu.outputs[1])
         for i in range(cal.compensator_order):
             ecu.compensator_x[i] = 0
@@ -115,7 +148,7 @@ def control(ecu: Ecu, cal: Calibration, steps: i32) -> None:
             acc += carried(ecu, cal, cal.compensator_c[k])
             wanted: i32 = shifted(acc, cal.compensator_output_shift[k])
             wanted = stage.moment(ecu, cal, wanted, k, steps)
-            ecu.outputs[k] = limited(ecu, cal, wanted, ecu.outputs[k], steps)
+            ecu.outputs[k] = limited(ecu, cal, wanted, k, steps)
         ecu.moment = sat31(ecu.outputs[0] + ecu.outputs[1])
         advance_compensator(ecu, cal, steered)
         return
@@ -125,7 +158,7 @@ def control(ecu: Ecu, cal: Calibration, steps: i32) -> None:
     else:
         u = state_feedback(ecu, cal)
     u = stage.moment(ecu, cal, u, 0, steps)
-    ecu.moment = limited(ecu, cal, u, ecu.moment, steps)
+    ecu.moment = limited(ecu, cal, u, 0, steps)
     ecu.outputs[0] = ecu.moment
 
 

@@ -3,7 +3,7 @@
 Viadero 2022: send when e' Omega e > epsilon**2 u' Omega u, with e the difference to the command
 sent last; an absolute floor keeps sensor noise from firing it near zero. The actuators echo the
 counter of the command they accepted: the last command counts as received until its echo is overdue,
-then it is sent again. Over a network the echo may lag several commands behind; that is accepted as
+then it is sent again. In INIT nothing is sent: what the actuators hold of before a restart fades. Over a network the echo may lag several commands behind; that is accepted as
 long as it advances.
 """
 
@@ -13,6 +13,7 @@ from firmware.monitors.delivery import note_command
 from firmware.monitors.echo import note_echo, note_sent
 from firmware.state import (
     AGE_MAX,
+    INIT,
     RX_ACTUATOR_STATE,
     TX_ANTI_ROLL_BAR,
     TX_DAMPER,
@@ -71,21 +72,26 @@ def moved(ecu: Ecu, cal: Calibration) -> i32:
     return 0
 
 
+def due(ecu: Ecu, cal: Calibration) -> u8:
+    """Return why a command is due now, or NOTHING."""
+    if ecu.mode == INIT:
+        return NOTHING
+    if cal.event_trigger == 0 or cal.actuator == DAMPERS or moved(ecu, cal) == 1:
+        return TRIGGERED
+    if ecu.waiting == 1 and ecu.since_sent >= cal.acknowledge_ticks:
+        return TRIGGERED
+    if ecu.since_sent >= cal.heartbeat_ticks:
+        return HEARTBEAT
+    return NOTHING
+
+
 def trigger(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     """Decide whether this tick sends a command; record the one that is under way."""
     acknowledge(ecu, cal)
     ecu.since_sent = clamp(ecu.since_sent + elapsed, 0, AGE_MAX)
     if ecu.waiting == 1:
         ecu.unacknowledged = clamp(ecu.unacknowledged + elapsed, 0, AGE_MAX)
-    ecu.triggered = NOTHING
-    if cal.event_trigger == 0 or cal.actuator == DAMPERS:
-        ecu.triggered = TRIGGERED
-    elif moved(ecu, cal) == 1:
-        ecu.triggered = TRIGGERED
-    elif ecu.waiting == 1 and ecu.since_sent >= cal.acknowledge_ticks:
-        ecu.triggered = TRIGGERED
-    elif ecu.since_sent >= cal.heartbeat_ticks:
-        ecu.triggered = HEARTBEAT
+    ecu.triggered = due(ecu, cal)
     if ecu.triggered != NOTHING:
         ecu.since_sent = 0
         note_command(ecu, cal)

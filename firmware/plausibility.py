@@ -261,7 +261,8 @@ def watch_motion(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
     reference_lost: i32 = lost(ecu, cal, RX_ROLL_REFERENCE, elapsed)
     if cal.observer == BYPASS and reference_lost == 1:
         severity = UNSAFE
-    ecu.motion_lost = byte(lost(ecu, cal, RX_VEHICLE_MOTION, elapsed))
+    motion: i32 = lost(ecu, cal, RX_VEHICLE_MOTION, elapsed)
+    ecu.motion_lost = byte(motion | ecu.speed_fell)
     if ecu.motion_lost == 1 and severity == GOOD:
         severity = DEGRADING
     return severity

@@ -88,6 +88,8 @@ class Ecu:
     ]
     yaw_rate: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "as received")]
     speed: Annotated[i32, F(0, 200 << Q_SPEED, Q_SPEED, "m/s", "vehicle speed")]
+    speed_kept: Annotated[i32, F(0, 200 << Q_SPEED, Q_SPEED, "m/s", "the last believed one")]
+    speed_ticks: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "since then")]
     steering: Annotated[i32, F(STATE_MIN, STATE_MAX, 24, "rad", "steering-wheel angle")]
     stroke_rate: Annotated[
         list[i32], 4, F(-STROKE_MAX, STROKE_MAX, Q_RATE, "m/s", "of each corner, extension +")
@@ -117,7 +119,9 @@ class Ecu:
     ]
     lateral_good: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "lateral acceleration is good since")]
     good_ticks: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "all needed inputs good since")]
-    authority: Annotated[i32, F(0, ONE, Q_UNIT, "", "ramp of the command, 0 in SAFE")]
+    authority: Annotated[i32, F(0, ONE, Q_UNIT, "", "ramp of the law, 0 in INIT and SAFE")]
+    released: Annotated[i32, F(0, ONE, Q_UNIT, "", "what is left of the held moment, fading")]
+    trust: Annotated[list[i32], 4, F(0, ONE, Q_UNIT, "", "what a corner may give of its limit")]
     feedforward: Annotated[i32, F(0, ONE, Q_UNIT, "", "ramp of the feedforward, 0 without a_y")]
     found: Annotated[i32, F(0, (1 << 28) - 1, 0, "", "bit i: this tick has found fault i")]
     foreign_ticks: Annotated[
@@ -271,7 +275,9 @@ class Ecu:
     outputs: Annotated[
         list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "", "of a law with two outputs")
     ]
-    last_outputs: Annotated[list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "", "when SAFE began")]
+    held: Annotated[
+        list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "", "outputs when the law was left, or begun")
+    ]
 
     # trigger
     sent: Annotated[list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "", "last command sent")]
@@ -346,6 +352,7 @@ class Ecu:
     mode: Annotated[u8, F(0, 3, 0, "", "0 INIT 1 ACTIVE 2 DEGRADED 3 SAFE")]
     lateral_lost: Annotated[u8, F(0, 1, 0, "", "1: do without the lateral acceleration")]
     motion_lost: Annotated[u8, F(0, 1, 0, "", "1: do without speed and steering")]
+    speed_fell: Annotated[u8, F(0, 1, 0, "", "1: faster than brakes can; the last one is kept")]
     moment_unknown: Annotated[u8, F(0, 1, 0, "", "1: do without the delivered moment")]
     failed: Annotated[list[u8], 4, F(0, 1, 0, "", "1: stuck, floating or contradicting commands")]
     fault_count: Annotated[list[u8], N_FAULT_CODES, F(0, 255, 0, "", "occurrences")]

@@ -2,12 +2,17 @@
 
 INIT waits for good inputs. ACTIVE runs the law. DEGRADED does without one input: the lateral
 acceleration (one-sensor observer, no feedforward), speed and steering (the last ones are kept), the
-delivered moment (the commanded one is used) or one corner or bar (its moment moves). SAFE ramps the
-command to zero and keeps the heartbeat. Both end when all inputs have been good for the calibrated
-time, except after a corrupt calibration, which is permanent.
+delivered moment (the commanded one is used) or one corner or bar (its moment moves). SAFE holds the
+last command, fades it and keeps the heartbeat. Both end when all inputs have been good for the
+calibrated time, except after a corrupt calibration, which is permanent.
+
+What the car leans on is not taken from it at once: the held command, the force of a failed corner
+and the feedforward without its sensor fade over ``release_ticks``, one period of the body's roll. A
+ramp that lasts a period leaves no oscillation behind, so that the body goes to the roll of the car
+without control and not beyond. After a restart the law takes over from what is being delivered.
 """
 
-from firmware.calibration import ONE, STATE_MAX, Calibration
+from firmware.calibration import DAMPERS, ONE, STATE_MAX, Calibration
 from firmware.com import signals
 from firmware.monitors.axles import watch_axles
 from firmware.monitors.clock import init_clock, watch_clock
@@ -19,6 +24,7 @@ from firmware.monitors.own_identifier import watch_own_identifiers
 from firmware.monitors.redundancy import watch_redundancy
 from firmware.monitors.response import watch_response
 from firmware.monitors.rolling import watch_rolling
+from firmware.monitors.speed import watch_speed
 from firmware.plausibility import (
     DEGRADING,
     FAULT_CALIBRATION_CRC,
@@ -34,15 +40,50 @@ from firmware.state import ACTIVE, AGE_MAX, CORRUPT, DEGRADED, INIT, SAFE, Ecu
 from firmware.subset import clamp, i32, sat31, tdiv
 
 
+def hold(ecu: Ecu, first: i32, second: i32) -> None:
+    """Let outputs fade from here, without the law."""
+    ecu.held[0] = first
+    ecu.held[1] = second
+    ecu.released = ONE
+    ecu.authority = 0
+
+
+def take_over(ecu: Ecu, cal: Calibration) -> None:
+    """Begin with the moment that the actuators still deliver, as after a restart in a curve."""
+    if ecu.moment_unknown == 1 or cal.actuator >= DAMPERS:
+        return
+    if cal.compensator_outputs == 2:
+        hold(ecu, ecu.delivered[0], ecu.delivered[1])
+    else:
+        hold(ecu, ecu.delivered[0] + ecu.delivered[1], 0)
+    for k in range(2):
+        ecu.outputs[k] = clamp(ecu.held[k], -cal.moment_max, cal.moment_max)
+        ecu.guarded[k] = ecu.outputs[k]
+
+
+def fade(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
+    """Move authority, trust and feedforward: up along the ramp, down over a period of the roll."""
+    up: i32 = sat31(elapsed * tdiv(ONE, cal.ramp_ticks))
+    down: i32 = -sat31(elapsed * tdiv(ONE, cal.release_ticks))
+    if ecu.mode == ACTIVE or ecu.mode == DEGRADED:
+        ecu.authority = clamp(ecu.authority + up, 0, ONE)
+    ecu.released = clamp(ecu.released + down, 0, ONE)
+    for corner in range(4):
+        change: i32 = up
+        if ecu.failed[corner] == 1:
+            change = down
+        ecu.trust[corner] = clamp(ecu.trust[corner] + change, 0, ONE)
+    if ecu.lateral_lost == 1:
+        up = down
+    ecu.feedforward = clamp(ecu.feedforward + up, 0, ONE)
+
+
 def change_mode(ecu: Ecu, cal: Calibration, severity: i32) -> None:
     """Move between the modes; the way back up takes good inputs for the calibrated time."""
     if severity == UNSAFE:
         ecu.good_ticks = 0
         if ecu.mode == ACTIVE or ecu.mode == DEGRADED:
-            for k in range(2):
-                ecu.last_outputs[k] = ecu.outputs[k]
-            # the ramp starts at what was given last, wherever the way up had come to
-            ecu.authority = ONE
+            hold(ecu, ecu.outputs[0], ecu.outputs[1])
             ecu.mode = SAFE
         return
     if ecu.mode == ACTIVE:
@@ -60,6 +101,8 @@ def change_mode(ecu: Ecu, cal: Calibration, severity: i32) -> None:
     if ecu.mode == SAFE:
         needed = cal.recovery_ticks
     if ecu.good_ticks >= needed:
+        if ecu.mode == INIT:
+            take_over(ecu, cal)
         ecu.mode = ACTIVE
         if severity == DEGRADING:
             ecu.mode = DEGRADED
@@ -67,13 +110,14 @@ def change_mode(ecu: Ecu, cal: Calibration, severity: i32) -> None:
 
 
 def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
-    """Judge all inputs, set the mode and move the authority along its ramp."""
+    """Judge all inputs, set the mode and move what fades."""
     ecu.found = signals.contradicted(ecu) << FAULT_DISAGREEMENT
     ecu.found = ecu.found | (ecu.envelope_acted << FAULT_ENVELOPE)
     watch_own_identifiers(ecu, cal, elapsed)
     watch_echo(ecu)
     watch_clock(ecu, cal, elapsed)
     watch_erratic(ecu, cal, elapsed)
+    watch_speed(ecu, cal, elapsed)
     watch_redundancy(ecu, cal)
     watch_rolling(ecu, cal)
     motion: i32 = watch_motion(ecu, cal, elapsed)
@@ -93,14 +137,7 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     if actuators > severity:
         severity = actuators
     change_mode(ecu, cal, severity)
-    change: i32 = sat31(elapsed * tdiv(ONE, cal.ramp_ticks))
-    rise: i32 = -change
-    if ecu.mode == ACTIVE or ecu.mode == DEGRADED:
-        rise = change
-    ecu.authority = clamp(ecu.authority + rise, 0, ONE)
-    if ecu.lateral_lost == 1:
-        change = -change
-    ecu.feedforward = clamp(ecu.feedforward + change, 0, ONE)
+    fade(ecu, cal, elapsed)
 
 
 def init_supervisor(ecu: Ecu) -> None:
@@ -111,4 +148,6 @@ def init_supervisor(ecu: Ecu) -> None:
     # no sample has this value
     ecu.frozen_lateral = STATE_MAX
     ecu.feedforward = ONE
+    for corner in range(4):
+        ecu.trust[corner] = ONE
     init_clock(ecu)

@@ -7,7 +7,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from math import degrees, sqrt
+from math import degrees, pi, sqrt
 from pkgutil import resolve_name
 from typing import Any
 
@@ -78,6 +78,11 @@ class RollModel:
     def natural_frequency(self) -> float:
         """Undamped natural frequency (rad/s)."""
         return sqrt(self.effective_stiffness / self.roll_inertia)
+
+    @property
+    def roll_period(self) -> float:
+        """Undamped period (s): a moment that fades in so long leaves no oscillation behind."""
+        return 2 * pi / self.natural_frequency
 
     @property
     def damping_ratio(self) -> float:

@@ -1,6 +1,6 @@
 """Calibration fields from the vehicle: limits, split, schedule, supervision."""
 
-from math import ceil, exp, floor, log2
+from math import ceil, exp, floor, log2, pi, sqrt
 
 import numpy as np
 
@@ -29,9 +29,16 @@ SENSOR_PERIODS = tuple(
     dbc.period(dbc.load().get_message_by_frame_id(ident).name) for ident in RX_IDS
 )
 """Cycle times of the received messages, in the order of the mailboxes, s."""
+MOTION_PERIOD = SENSOR_PERIODS[RX_VEHICLE_MOTION]
 MISSED_SAMPLES = 5
 KMH = 1.0 / 3.6
 FADE = (5.0 * KMH, 10.0 * KMH)
+RAMP = 0.2
+"""In which the law comes on, s."""
+BRAKING = 1.2 * GRAVITY
+"""What brakes on dry asphalt may take from the speed, m/s²."""
+SPEED_DEVIATIONS = 8.0
+"""Standard deviations that no sample leaves: one of 10¹⁵."""
 OUTWARD_SHARE = 0.2
 OUTWARD_LATERAL = 2.0
 OUTWARD_TIME = 0.1
@@ -115,6 +122,14 @@ def timeouts(task: Task, *others: int) -> list[int]:
     ]
 
 
+def release_time(task: Task) -> float:
+    """Return the time (s) in which a moment fades that is taken away: a period of the roll.
+
+    A valve's current is the rate of a moment: without it the moment stays.
+    """
+    return RAMP if task.actuator == "valves" else task.vehicle.design.roll_period
+
+
 def _supervision(task: Task) -> dict[str, Value]:
     """Timeouts, E2E tolerance, ramps."""
     return {
@@ -124,13 +139,23 @@ def _supervision(task: Task) -> dict[str, Value]:
         "e2e_sync": [1] * fw.N_RX,
         "init_ticks": ceil(0.2 / task.tick),
         "recovery_ticks": ceil(0.5 / task.tick),
-        "ramp_ticks": ceil(0.2 / task.tick),
+        "ramp_ticks": ceil(RAMP / task.tick),
+        "release_ticks": ceil(release_time(task) / task.tick),
         "stuck_ticks": ceil(0.2 / task.tick),
         "roll_rate_max": _q(min(task.vehicle.sensors.roll_rate.range, 7.9), fw.Q_RATE),
         "acceleration_max": _q(
             min(task.vehicle.sensors.lateral_acceleration.range, 40.0), fw.Q_ACCELERATION
         ),
+        "speed_fall": _q(BRAKING * task.tick, fw.Q_SPEED),
+        "speed_noise": _q(_speed_noise(task), fw.Q_SPEED),
     }
+
+
+def _speed_noise(task: Task) -> float:
+    """Return what two samples of the speed may differ by besides braking: noise, and their ages."""
+    sensor = task.vehicle.sensors.speed
+    noise = sensor.noise_density * sqrt(pi / 2.0 * sensor.bandwidth)
+    return SPEED_DEVIATIONS * sqrt(2.0) * noise + BRAKING * (task.delay.most + MOTION_PERIOD)
 
 
 def _identification_unit(inertia: float) -> float:
@@ -201,8 +226,10 @@ def _envelope(task: Task, share: float) -> dict[str, Value]:
     limits = _limits(task, share)
     supervision = _supervision(task)
     most, slew, ramp = limits["moment_max"], limits["slew_max"], supervision["ramp_ticks"]
+    release = supervision["release_ticks"]
     timeouts = supervision["timeout_ticks"]
     assert isinstance(most, int) and isinstance(slew, int) and isinstance(ramp, int)
+    assert isinstance(release, int)
     assert isinstance(timeouts, list)
     source = RX_ROLL_REFERENCE if task.observer == "reference" else RX_IMU
     timeout = timeouts[source]
@@ -211,7 +238,7 @@ def _envelope(task: Task, share: float) -> dict[str, Value]:
     return {
         "envelope_moment": most,
         "envelope_slew": min(max(slew, most // ramp + 2), fw.STATE_MAX),
-        "envelope_age": timeout + 2 * ramp,
+        "envelope_age": timeout + 2 * release,
         "envelope_outward": round(OUTWARD_SHARE * _q(moment, fw.Q_MOMENT)),
         "envelope_lateral": _q(OUTWARD_LATERAL, fw.Q_ACCELERATION),
         "envelope_ticks": ceil(OUTWARD_TIME / task.tick),

@@ -1,8 +1,9 @@
 """The smart actuator node: accepts, holds, times out, acknowledges and reports.
 
 The node runs every 1 ms, on the plant's grid. A command frame takes effect if end-to-end protection
-accepts it; it is held until the command timeout, then the demand ramps to zero. A disabled node
-accepts and acknowledges commands and delivers nothing.
+accepts it; it is held until the command timeout, then fades to zero within one period of the body's
+roll, so that the body follows without overshoot. A disabled node accepts and acknowledges commands
+and delivers nothing.
 """
 
 from typing import NamedTuple
@@ -45,10 +46,11 @@ NO_COUNTER = -1
 """All bits of the echo are set, as long as no command has been accepted."""
 
 # Slots of Actuators.state: four channels each, then both axles each, then the hydraulics.
-# REPORTED is the value of the last ActuatorState.
-DEMAND, REFERENCE, ACTUAL, APPLIED = 0, 4, 8, 12
-DELIVERED, ESTIMATE, REPORTED = 16, 18, 20
-HYDRAULICS = 22
+# FADING is what the reference loses in a step without a command, REPORTED the value of the last
+# ActuatorState.
+DEMAND, REFERENCE, FADING, ACTUAL, APPLIED = 0, 4, 8, 12, 16
+DELIVERED, ESTIMATE, REPORTED = 20, 22, 24
+HYDRAULICS = 26
 N_STATE = HYDRAULICS + 10
 
 # Columns of Actuators.message.

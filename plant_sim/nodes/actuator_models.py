@@ -19,6 +19,7 @@ from plant_sim.nodes.actuator_kernel import (
     DERATING,
     ENABLED,
     ESTIMATE,
+    FADING,
     FLOATING,
     HELD,
     HYDRAULICS,
@@ -46,12 +47,12 @@ from plant_sim.nodes.actuator_kernel import (
 )
 
 # Slots of Actuators.setting. LAG is the share of the way to its reference that a channel goes in
-# a step, RATE and RAMP the reference's change in a step while a command is held and after it.
+# a step, RATE the reference's change in a step, FADE the share of it that goes after a command.
 (
     LAG,
     LIMIT,
     RATE,
-    RAMP,
+    FADE,
     POWER,
     TRACK_FRONT,
     TRACK_REAR,
@@ -81,10 +82,20 @@ def refer(node: ActuatorNode, channel: int, demand: float) -> bool:
     """Move a channel's reference towards ``demand``; return whether limit or rate was active."""
     setting, state = node.setting, node.state
     kept = clip(demand, setting[LIMIT])
-    change = setting[RATE] if node.flag[HELD] else setting[RAMP]
+    change = setting[RATE]
+    if not node.flag[HELD]:
+        change = min(change, state[FADING + channel])
     step = kept - state[REFERENCE + channel]
-    state[REFERENCE + channel] += clip(step, change)
+    hold(node, channel, state[REFERENCE + channel] + clip(step, change))
     return bool(kept != demand or abs(step) > change)
+
+
+@njit
+def hold(node: ActuatorNode, channel: int, reference: float) -> None:
+    """Set a channel's reference, and while a command is held how fast it fades after it."""
+    node.state[REFERENCE + channel] = reference
+    if node.flag[HELD]:
+        node.state[FADING + channel] = abs(reference) * node.setting[FADE]
 
 
 @njit
@@ -213,8 +224,12 @@ def _valve_current(node: ActuatorNode, axle: int, actual: float, t_ns: int) -> f
     if node.fault[0, 0] >= 0:
         loop /= fault_factor(node, SLOW, 2 * axle, 2 * axle + 1, t_ns)
         demand *= 1.0 - 2.0 * fault_share(node, REVERSED, 2 * axle, 2 * axle + 1, t_ns)
-    if not follows(node) or not node.flag[HELD]:
+    if not follows(node):
         return hydraulics.torque_loop(parameters, loop, 0.0, actual)
+    if not node.flag[HELD]:
+        refer(node, axle, 0.0)
+        return hydraulics.torque_loop(parameters, loop, node.state[REFERENCE + axle], actual)
+    hold(node, axle, actual)
     if node.flag[SOURCE] == MOMENTS:
         return hydraulics.torque_loop(parameters, loop, demand, actual)
     return float(demand * 1e-3)

@@ -55,7 +55,6 @@ FAULTS = {
 NOMINAL_TEMPERATURE = 40.0
 NOMINAL_SUPPLY = 13.5
 LOWEST_SUPPLY = 9.0
-RAMP_TIME = 0.1
 TORQUE_LOOP_BANDWIDTH = 40.0
 # Hydraulic oil's viscosity falls by about 2.3 % a kelvin around its working temperature.
 THICKENING_PER_KELVIN = 0.023
@@ -115,12 +114,11 @@ def _settings(
     cold = thickening(options.oil_temperature) if actuator.hydraulic else 1.0
     power = min(options.supply / NOMINAL_SUPPLY, 1.0)
     limit, rate = _scaled(channel.limit, power), _scaled(channel.rate, power)
-    ramp = limit / RAMP_TIME * 1e-3 if math.isfinite(limit) else math.inf
     return [
         _approach(channel.lag * cold),
         limit,
         rate * 1e-3,
-        min(ramp, rate * 1e-3),
+        1e-3 / vehicle.plant.roll_period,
         _scaled(channel.power, power),
         *(axle.half_track for axle in axles(vehicle)),
         1 + options.estimate_error,
