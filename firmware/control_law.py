@@ -19,8 +19,11 @@ from firmware.calibration import (
 )
 from firmware.fixed_point import product, shifted, weighted
 from firmware.plausibility import BAD_ACCELERATION
-from firmware.state import ACTIVE, DEGRADED, LATERAL, ROLL, ROLL_RATE, Ecu
+from firmware.state import ACTIVE, DEGRADED, LATERAL, ROLL, ROLL_RATE, RX_IMU, Ecu
 from firmware.subset import clamp, i32, i64, narrow, rsh, sat31
+
+# bit of ecu.valid of the inertial unit
+YAW = 4
 
 
 def rate_input(ecu: Ecu, cal: Calibration) -> i32:
@@ -90,12 +93,24 @@ def advance_compensator(ecu: Ecu, cal: Calibration, steered: i32) -> None:
 
 
 def curve(ecu: Ecu, cal: Calibration) -> i32:
-    """Return the lateral acceleration (Q24) that is known, 0 where none is."""
+    """Return the lateral acceleration (Q24) that two of three agree on, 0 where none do.
+
+    The median of accelerometer, speed times yaw rate and steering: no one sensor can turn it round.
+    """
     if cal.observer == BYPASS:
         return ecu.x[LATERAL]
+    measured: i32 = ecu.lateral_acceleration
     if ecu.lateral_lost == 1 or ecu.bad_ticks[BAD_ACCELERATION] > 0:
-        return 0
-    return ecu.lateral_acceleration
+        measured = 0
+    turning: i32 = 0
+    if (ecu.valid[RX_IMU] & YAW) != 0:
+        turning = product(ecu.speed, ecu.yaw_rate, 23)
+    steered: i32 = 0
+    if ecu.motion_lost == 0:
+        steered = ecu.steering_acceleration
+    if turning < steered:
+        return clamp(measured, turning, steered)
+    return clamp(measured, steered, turning)
 
 
 def fading(ecu: Ecu, cal: Calibration, output: i32) -> i32:

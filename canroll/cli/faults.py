@@ -71,6 +71,8 @@ def line(fault: JudgedFault) -> str:
     harm = "no harm"
     if seen.harm_after is not None:
         harm = f"{'; '.join(seen.harm)}, harm after {1e3 * seen.harm_after:.0f} ms"
+    if fault.by_reaction:
+        harm += "; by the reaction: without it no harm"
     if fault.visibility is not None:
         harm += f"; {fault.visibility.text}"
     return f"{fault.entry.name}: {reaction}{'' if fault.as_expected else expected}; {harm}"
@@ -78,12 +80,16 @@ def line(fault: JudgedFault) -> str:
 
 def coverage_table(coverage: Sequence[Coverage]) -> PageTable:
     """Return the diagnostic coverage by group; missed: harmful and not detected."""
-    head = ("", "faults", "detected", "harmful", "in time", "missed", "coverage")
+    head = (
+        *("", "faults", "detected", "harmful", "in time", "missed", "by reaction"),
+        "coverage",
+    )
     rows = [
         (
             of.group,
             *(str(n) for n in (of.faults, of.detected, of.harmful, of.in_time)),
             str(of.undetected_harm),
+            str(of.by_reaction),
             "" if of.coverage is None else f"{100 * of.coverage:.0f} %",
             *("" if t is None else f"{1e3 * t:.0f}" for t in (of.median_s, of.most_s)),
         )

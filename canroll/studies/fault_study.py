@@ -1,7 +1,7 @@
 """Every fault of a catalogue driven, and judged: detected, when, and with what harm.
 
-Each is driven once with control and compared with the passive vehicle without faults. Nothing is
-assumed of a fault: an entry without any effect on the run, or that this bus or these actuators
+Each is driven once with control and compared with the passive vehicle without faults; what is
+detected and harmful is driven again without the reaction. Nothing is assumed of a fault: an entry without any effect on the run, or that this bus or these actuators
 cannot have, gets no verdict and says why.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 from canroll.cases.execution import IN_TURN, Cases
 from canroll.cases.identity import identity
 from canroll.errors import CanrollError
-from canroll.reaction import reaction
+from canroll.reaction import reaction, switched_off
 from canroll.reaction.reaction import Reaction
 from canroll.reaction.visibility import Visibility, visibility
 from canroll.runs.experiment import delay_of, drive, plan
@@ -55,6 +55,8 @@ class JudgedFault:
         no_verdict: why there is no verdict, or "".
         visibility: how visible to the residuals what did harm undetected was; None where nothing
             did, or this bus and plant do not say.
+        by_reaction: whether it was detected, and harmful only by what was done about it: without
+            the reaction of :mod:`canroll.reaction.switched_off` the same fault does no harm.
     """
 
     entry: CatalogueEntry
@@ -62,6 +64,7 @@ class JudgedFault:
     roll_max_deg: float | None
     no_verdict: str
     visibility: Visibility | None = None
+    by_reaction: bool = False
 
     @property
     def detected(self) -> bool:
@@ -88,8 +91,9 @@ class JudgedFault:
 
     @property
     def failed(self) -> bool:
-        """Whether harm was done undetected that nothing excuses."""
-        return self.undetected_harm and (self.visibility is None or not self.visibility.excused)
+        """Whether harm was done undetected that nothing excuses, or by the reaction."""
+        excused = self.visibility is not None and self.visibility.excused
+        return self.by_reaction or (self.undetected_harm and not excused)
 
     @property
     def as_expected(self) -> bool | None:
@@ -110,6 +114,7 @@ class JudgedFault:
             "detected": self.detected,
             "harmful": self.harmful,
             "undetected_harm": self.undetected_harm,
+            "by_reaction": self.by_reaction,
             "as_expected": self.as_expected,
             "no_verdict": self.no_verdict,
             "roll_max_deg": self.roll_max_deg,
@@ -130,6 +135,7 @@ class Coverage:
         harmful: those that did harm.
         in_time: those that did harm and were detected before.
         undetected_harm: those that did harm and were not detected.
+        by_reaction: those that were harmful only by the reaction.
         coverage: share of the detected among those that were detected or did harm; None: none was.
         median_s: median time to the detection.
         most_s: longest time to the detection.
@@ -142,6 +148,7 @@ class Coverage:
     harmful: int
     in_time: int
     undetected_harm: int
+    by_reaction: int
     coverage: float | None
     median_s: float | None
     most_s: float | None
@@ -184,6 +191,8 @@ class FaultStudy:
             f"{every.detected} of {every.judged} faults detected, {every.harmful} harmful, "
             f"{every.undetected_harm} harmful and undetected"
         )
+        if every.by_reaction:
+            text += f", {every.by_reaction} harmful by the reaction alone"
         if self.undetected:
             excused = sum(not fault.failed for fault in self.undetected)
             text += f" ({excused} of them too small to be found for certain)"
@@ -198,8 +207,8 @@ class FaultStudy:
 
     @property
     def exit_code(self) -> int:
-        """1 where harm goes undetected that nothing excuses, or there is a false alarm."""
-        return int(any(fault.failed for fault in self.undetected) or self.false_alarm)
+        """1 where harm is done unseen and unexcused or by the reaction, or there is a false alarm."""
+        return int(any(fault.failed for fault in self.faults) or self.false_alarm)
 
     def to_json(self) -> dict[str, Any]:
         """Return the object printed by ``canroll faults --json``."""
@@ -235,6 +244,7 @@ def _coverage(group: str, faults: Sequence[JudgedFault]) -> Coverage:
         harmful=sum(fault.harmful for fault in judged),
         in_time=sum(fault.harmful and fault.in_time for fault in judged),
         undetected_harm=sum(fault.undetected_harm for fault in judged),
+        by_reaction=sum(fault.by_reaction for fault in judged),
         coverage=len(times) / len(dangerous) if dangerous else None,
         median_s=median(times) if times else None,
         most_s=max(times, default=None),
@@ -276,7 +286,13 @@ def judge(loop: StudiedLoop, entry: CatalogueEntry) -> JudgedFault:
     except CanrollError as error:
         return JudgedFault(entry, None, None, str(error))
     observed = reaction.observe(trace, loop.passive, parse(entry.faults), loop.healthy)
-    visible = None
+    visible, by_reaction = None, False
+    if observed.harm and observed.detected_after is not None:
+        alone = replace(settings, faults=(switched_off.unreported(entry.faults),))
+        left = drive(alone, switched_off.unsupervised(loop.controller), enabled=True)
+        by_reaction = not reaction.observe(
+            left, loop.passive, parse(entry.faults), loop.healthy
+        ).harm
     if observed.undetected_harm and observed.start is not None and loop.bank is not None:
         visible = visibility(trace, loop.healthy, loop.bank, settings.vehicle, observed.start)
     return JudgedFault(
@@ -285,6 +301,7 @@ def judge(loop: StudiedLoop, entry: CatalogueEntry) -> JudgedFault:
         float(np.degrees(peak(trace.signals["roll"]))),
         observed.no_verdict or (NO_EFFECT if _same(trace, loop.healthy) else ""),
         visible,
+        by_reaction,
     )
 
 
