@@ -94,14 +94,38 @@ static inline int32_t wide_31(int64_t v)
     return (v > STATE_MAX) ? STATE_MAX : ((v < STATE_MIN) ? STATE_MIN : (int32_t)v);
 }
 
+/* The lateral acceleration that two of three agree on. */
+static int32_t curve(const canroll_ecu *ecu)
+{
+    const bool good = ecu->lateral_lost == 0 && ecu->bad_ticks[BAD_LATERAL] == 0;
+    const int32_t measured = good ? ecu->lateral_acceleration : 0;
+    const int32_t steered = ecu->motion_lost ? 0 : ecu->steering_acceleration;
+    const int32_t turning = ((ecu->valid[CANROLL_RX_IMU] & 4) == 0)
+        ? 0 : state_of((int64_t)ecu->speed * ecu->yaw_rate, 23);
+    return (turning < steered) ? limit(measured, turning, steered)
+        : limit(measured, steered, turning);
+}
+
+/* What is left of the held moment, unless it pushes outward. */
+static int32_t fading(const canroll_ecu *ecu)
+{
+    const int32_t left = product(ecu->held[0], ecu->released, 30);
+    int32_t lateral;
+    if (left == 0) {
+        return 0;
+    }
+    lateral = curve(ecu);
+    return ((left > 0) ? lateral > 0 : lateral < 0) ? 0 : left;
+}
+
 void hand_control(canroll_ecu *ecu, const canroll_calibration *cal, int32_t steps)
 {
     const int32_t *z = ecu->ahead, *back = cal->feedback, *forward = cal->feedforward;
     int64_t u;
-    int32_t moment, last = ecu->moment, step;
+    int32_t moment, last = ecu->outputs[0], step;
     look_ahead(ecu, cal);
     if (ecu->mode != CANROLL_ACTIVE && ecu->mode != CANROLL_DEGRADED) {
-        ecu->moment = ecu->outputs[0] = product(ecu->last_outputs[0], ecu->authority, 30);
+        ecu->moment = ecu->outputs[0] = fading(ecu);
         return;
     }
     moment = state_of((int64_t)forward[LATERAL] * z[LATERAL] + (int64_t)forward[JERK] * z[JERK],
@@ -115,7 +139,8 @@ void hand_control(canroll_ecu *ecu, const canroll_calibration *cal, int32_t step
         moment = wide_31(((int64_t)moment * ecu->gain_factor + (1 << 27)) >> 28);
     }
     if (ecu->authority != ONE) {
-        moment = product(moment, ecu->authority, 30);
+        moment = bits_31(product(moment, ecu->authority, 30)
+            + product(fading(ecu), ONE - ecu->authority, 30));
     }
     moment = limit(moment, -cal->moment_max, cal->moment_max);
     step = cal->slew_max;
@@ -134,13 +159,13 @@ static int32_t split(canroll_ecu *ecu, const canroll_calibration *cal, uint32_t 
     int32_t limit_left = cal->force_max[left], limit_right = cal->force_max[left + 1];
     int32_t up, down, lack;
     if (size <= limit_left && size <= limit_right
-        && (ecu->failed[left] | ecu->failed[left + 1]) == 0) {
+        && (ecu->trust[left] & ecu->trust[left + 1]) == ONE) {
         ecu->force[left] = want;
         ecu->force[left + 1] = -want;
         return 0;
     }
-    limit_left = ecu->failed[left] ? 0 : limit_left;
-    limit_right = ecu->failed[left + 1] ? 0 : limit_right;
+    limit_left = product(limit_left, ecu->trust[left], 30);
+    limit_right = product(limit_right, ecu->trust[left + 1], 30);
     up = limit(want, -limit_left, limit_left);
     down = limit(2 * want - up, -limit_right, limit_right);
     up = limit(2 * want - down, -limit_left, limit_left);

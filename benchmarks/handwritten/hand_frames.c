@@ -66,7 +66,9 @@ void hand_trigger(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elap
         ecu->unacknowledged = aged(ecu->unacknowledged, elapsed);
     }
     ecu->triggered = NOTHING;
-    if (moved(ecu, cal) || (ecu->waiting && ecu->since_sent >= cal->acknowledge_ticks)) {
+    if (ecu->mode == CANROLL_INIT) {
+        /* what the actuators hold of before a restart fades */
+    } else if (moved(ecu, cal) || (ecu->waiting && ecu->since_sent >= cal->acknowledge_ticks)) {
         ecu->triggered = TRIGGERED;
     } else if (ecu->since_sent >= cal->heartbeat_ticks) {
         ecu->triggered = HEARTBEAT;

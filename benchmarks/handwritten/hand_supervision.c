@@ -124,7 +124,7 @@ static uint32_t judge_motion(canroll_ecu *ecu, const canroll_calibration *cal, i
     if (bad) {
         *found |= SPEED_BIT;
     }
-    ecu->motion_lost = late || bad;
+    ecu->motion_lost = late || bad || ecu->speed_fell;
     return ecu->motion_lost ? DEGRADING : GOOD;
 }
 
@@ -169,14 +169,21 @@ static uint32_t judge_actuators(canroll_ecu *ecu, const canroll_calibration *cal
     return severity;
 }
 
+/* Let a moment fade from here. */
+static void hold(canroll_ecu *ecu, int32_t moment)
+{
+    ecu->held[0] = moment;
+    ecu->released = ONE;
+    ecu->authority = 0;
+}
+
 static void change_mode(canroll_ecu *ecu, const canroll_calibration *cal, uint32_t severity)
 {
     const bool running = ecu->mode == CANROLL_ACTIVE || ecu->mode == CANROLL_DEGRADED;
     if (severity == UNSAFE) {
         ecu->good_ticks = 0;
         if (running) {
-            ecu->last_outputs[0] = ecu->moment;
-            ecu->authority = ONE;
+            hold(ecu, ecu->moment);
             ecu->mode = CANROLL_SAFE;
         }
         return;
@@ -194,6 +201,11 @@ static void change_mode(canroll_ecu *ecu, const canroll_calibration *cal, uint32
         }
     } else if (ecu->good_ticks
         >= ((ecu->mode == CANROLL_SAFE) ? cal->recovery_ticks : cal->init_ticks)) {
+        if (ecu->mode == CANROLL_INIT && !ecu->moment_unknown) {
+            hold(ecu, ecu->delivered[0] + ecu->delivered[1]);
+            ecu->outputs[0] = limit(ecu->held[0], -cal->moment_max, cal->moment_max);
+            ecu->guarded[0] = ecu->outputs[0];
+        }
         ecu->mode = (severity == DEGRADING) ? CANROLL_DEGRADED : CANROLL_ACTIVE;
         ecu->good_ticks = 0;
     }
@@ -335,16 +347,60 @@ static uint32_t watch_bends(canroll_ecu *ecu, const canroll_calibration *cal, in
     return erratic << SENSOR_ERRATIC_CODE;
 }
 
+/* Keep the last speed where it falls faster than brakes can. */
+static uint32_t watch_speed(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
+{
+    ecu->speed_ticks = aged(ecu->speed_ticks, elapsed);
+    if ((ecu->fresh[CANROLL_RX_VEHICLE_MOTION] & ecu->valid[CANROLL_RX_VEHICLE_MOTION] & 1) != 0) {
+        const int32_t kept = ecu->speed_kept;
+        const int64_t lost = cal->speed_noise + (int64_t)ecu->speed_ticks * cal->speed_fall;
+        const int64_t least = kept - ((lost > STATE_MAX) ? STATE_MAX : lost);
+        const int32_t walking = (kept < cal->fade_high) ? kept : cal->fade_high;
+        ecu->speed_fell = ecu->speed < ((least > walking) ? least : walking);
+        if (!ecu->speed_fell) {
+            ecu->speed_kept = ecu->speed;
+            ecu->speed_ticks = 0;
+        }
+    }
+    if (ecu->speed_fell) {
+        ecu->speed = ecu->speed_kept;
+        return SPEED_BIT;
+    }
+    return 0;
+}
+
+/* A ramp's way in elapsed ticks. */
+static int32_t step_of(int32_t elapsed, int32_t ticks)
+{
+    const int64_t way = (int64_t)elapsed * (ONE / ticks);
+    return (way > STATE_MAX) ? STATE_MAX : (int32_t)way;
+}
+
+/* Move authority, trust and feedforward: up along the ramp, down over a period of the roll. */
+static void fade(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
+{
+    const int32_t up = step_of(elapsed, cal->ramp_ticks);
+    const int32_t down = step_of(elapsed, cal->release_ticks);
+    if (ecu->mode == CANROLL_ACTIVE || ecu->mode == CANROLL_DEGRADED) {
+        ecu->authority = limit(ecu->authority + up, 0, ONE);
+    }
+    ecu->released = limit(ecu->released - down, 0, ONE);
+    for (uint32_t k = 0; k < 4; k++) {
+        ecu->trust[k] = limit(ecu->trust[k] + (ecu->failed[k] ? -down : up), 0, ONE);
+    }
+    ecu->feedforward = limit(ecu->feedforward + (ecu->lateral_lost ? -down : up), 0, ONE);
+}
+
 void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
 {
     uint32_t found = ((elapsed > 1) ? TICK_MISSED_BIT : 0)
         | ((uint32_t)ecu->envelope_acted << ENVELOPE_CODE)
         | ((ecu->late_echoes == LATE_ECHOES) ? COMMAND_LATE_BIT : 0);
     uint32_t severity, motion, actuators;
-    bool running;
     found |= watch_own_identifiers(ecu, cal, elapsed);
     found |= watch_clock(ecu, cal, elapsed);
     found |= watch_bends(ecu, cal, elapsed);
+    found |= watch_speed(ecu, cal, elapsed);
     hand_watch_sensors(ecu, cal);
     severity = judge_imu(ecu, cal, elapsed, &found);
     motion = judge_motion(ecu, cal, elapsed, &found);
@@ -363,14 +419,10 @@ void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t el
     if (severity != GOOD || ecu->mode != CANROLL_ACTIVE) {
         change_mode(ecu, cal, severity);
     }
-    running = ecu->mode == CANROLL_ACTIVE || ecu->mode == CANROLL_DEGRADED;
-    if (ecu->authority != (running ? ONE : 0)
-        || ecu->feedforward != (ecu->lateral_lost ? 0 : ONE)) {
-        const int64_t way = (int64_t)elapsed * (ONE / cal->ramp_ticks);
-        const int32_t change = (way > STATE_MAX) ? STATE_MAX : (int32_t)way;
-        ecu->authority = limit(ecu->authority + (running ? change : -change), 0, ONE);
-        ecu->feedforward = limit(
-            ecu->feedforward + (ecu->lateral_lost ? -change : change), 0, ONE);
+    if (ecu->mode != CANROLL_ACTIVE || ecu->released != 0
+        || (ecu->authority & ecu->feedforward & ecu->trust[0] & ecu->trust[1] & ecu->trust[2]
+            & ecu->trust[3]) != ONE || ecu->lateral_lost) {
+        fade(ecu, cal, elapsed);
     }
     if (ecu->age[CANROLL_RX_VEHICLE_MOTION] == 0) {
         schedule(ecu, cal);
