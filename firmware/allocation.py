@@ -8,7 +8,7 @@ the share that keeps the car's steering balance. Dampers follow the four-conditi
 """
 
 from firmware.calibration import BARS, DAMPERS, ONE, STATE_MAX, SUSPENSION, Calibration
-from firmware.fixed_point import product, quotient
+from firmware.fixed_point import magnitude, product, quotient
 from firmware.state import Ecu
 from firmware.subset import clamp, i32, narrow, rsh, sat31, sat32
 
@@ -23,11 +23,11 @@ FORCE_MAX = 1 << 29
 SIDE_SIGN: tuple[i32, ...] = (1, -1, 1, -1)
 
 
-def corner_limit(ecu: Ecu, cal: Calibration, corner: i32) -> i32:
-    """Return the largest force of a corner, in the end none where it is stuck or floating."""
-    if ecu.trust[corner] == ONE:
-        return cal.force_max[corner]
-    return product(cal.force_max[corner], ecu.trust[corner], 30)
+def entrusted(limit: i32, wanted: i32, trust: i32) -> i32:
+    """Return the limit of an actuator, or of one that has failed a share of what is wanted."""
+    if trust == ONE:
+        return limit
+    return product(clamp(magnitude(wanted), 0, limit), trust, 30)
 
 
 def split_axle(ecu: Ecu, cal: Calibration, axle: i32, moment: i32) -> i32:
@@ -38,9 +38,9 @@ def split_axle(ecu: Ecu, cal: Calibration, axle: i32, moment: i32) -> i32:
         arm = cal.arm_rear
         track = cal.track_rear
     left: i32 = 2 * axle
-    limit_left: i32 = corner_limit(ecu, cal, left)
-    limit_right: i32 = corner_limit(ecu, cal, left + 1)
     want: i32 = clamp(rsh(moment * arm, 28), -FORCE_MAX, FORCE_MAX)
+    limit_left: i32 = entrusted(cal.force_max[left], want, ecu.trust[left])
+    limit_right: i32 = entrusted(cal.force_max[left + 1], want, ecu.trust[left + 1])
     up: i32 = clamp(want, -limit_left, limit_left)
     down: i32 = clamp(2 * want - up, -limit_right, limit_right)
     lack: i32 = 2 * want - up - down
@@ -87,10 +87,10 @@ def allocate_suspension(ecu: Ecu, cal: Calibration, moment: i32) -> None:
     ecu.given = sat31(front - lack + rear)
 
 
-def bar_limit(ecu: Ecu, cal: Calibration, axle: i32) -> i32:
+def bar_limit(ecu: Ecu, cal: Calibration, axle: i32, wanted: i32) -> i32:
     """Return the largest moment of a bar, in the end none where one of its corners has failed."""
     trust: i32 = clamp(ecu.trust[2 * axle], 0, ecu.trust[2 * axle + 1])
-    return product(cal.bar_max[axle], trust, 30)
+    return entrusted(cal.bar_max[axle], wanted, trust)
 
 
 def allocate_bars(ecu: Ecu, cal: Calibration, moment: i32) -> None:
@@ -101,8 +101,8 @@ def allocate_bars(ecu: Ecu, cal: Calibration, moment: i32) -> None:
         front = ecu.outputs[0]
         rear = ecu.outputs[1]
     room: i32 = slack(cal, moment)
-    limit_front: i32 = bar_limit(ecu, cal, FRONT)
-    limit_rear: i32 = bar_limit(ecu, cal, REAR)
+    limit_front: i32 = bar_limit(ecu, cal, FRONT, front)
+    limit_rear: i32 = bar_limit(ecu, cal, REAR, rear)
     lack_front: i32 = front - clamp(front, -limit_front, limit_front)
     lack_rear: i32 = rear - clamp(rear, -limit_rear, limit_rear)
     front = sat32(front + clamp(lack_rear, -room, room))

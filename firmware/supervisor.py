@@ -7,9 +7,9 @@ last command, fades it and keeps the heartbeat. Both end when all inputs have be
 calibrated time, except after a corrupt calibration, which is permanent.
 
 What the car leans on is not taken from it at once: the held command, the force of a failed corner
-and the feedforward without its sensor fade over ``release_ticks``, one period of the body's roll. A
-ramp that lasts a period leaves no oscillation behind, so that the body goes to the roll of the car
-without control and not beyond. After a restart the law takes over from what is being delivered.
+and the feedforward without its sensor fade over ``release_ticks``, one period of the body's roll:
+the body goes to the roll of the car without control, and a tenth of the way beyond at most. Taken
+away at once it would overshoot by half. After a restart the law takes over what is being delivered.
 """
 
 from firmware.calibration import DAMPERS, ONE, STATE_MAX, Calibration

@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_it_builds_without_a_warning(tmp_path):
     done = subprocess.run(
         [sys.executable, ROOT / "scripts" / "api-reference", tmp_path],

@@ -176,6 +176,7 @@ def test_a_picture_is_the_one_that_the_commands_leave(page):
     assert build("--check", path)[0] == 0
 
 
+@pytest.mark.long
 def test_a_command_that_fails_fails_the_build(page):
     path = page("```console machine\n$ echo told; false\ntold\n```\n")
     code, text = build(path)

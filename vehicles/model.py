@@ -81,7 +81,7 @@ class RollModel:
 
     @property
     def roll_period(self) -> float:
-        """Undamped period (s): a moment that fades in so long leaves no oscillation behind."""
+        """Undamped period (s); the body hardly overshoots when a moment fades in so long."""
         return 2 * pi / self.natural_frequency
 
     @property

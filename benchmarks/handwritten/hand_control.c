@@ -150,6 +150,12 @@ void hand_control(canroll_ecu *ecu, const canroll_calibration *cal, int32_t step
     ecu->moment = ecu->outputs[0] = limit(moment, last - step, last + step);
 }
 
+/* The limit of an actuator, or of one that has failed a share of what is wanted. */
+static inline int32_t entrusted(int32_t most, int32_t wanted, int32_t trust)
+{
+    return (trust == ONE) ? most : product((wanted < most) ? wanted : most, trust, 30);
+}
+
 /* Split a moment over an axle's corners, each within its limit; return what they can't give. */
 static int32_t split(canroll_ecu *ecu, const canroll_calibration *cal, uint32_t left,
     int32_t arm, int32_t track, int32_t moment)
@@ -164,8 +170,8 @@ static int32_t split(canroll_ecu *ecu, const canroll_calibration *cal, uint32_t 
         ecu->force[left + 1] = -want;
         return 0;
     }
-    limit_left = product(limit_left, ecu->trust[left], 30);
-    limit_right = product(limit_right, ecu->trust[left + 1], 30);
+    limit_left = entrusted(limit_left, size, ecu->trust[left]);
+    limit_right = entrusted(limit_right, size, ecu->trust[left + 1]);
     up = limit(want, -limit_left, limit_left);
     down = limit(2 * want - up, -limit_right, limit_right);
     up = limit(2 * want - down, -limit_left, limit_left);

@@ -355,8 +355,9 @@ static uint32_t watch_speed(canroll_ecu *ecu, const canroll_calibration *cal, in
         const int32_t kept = ecu->speed_kept;
         const int64_t lost = cal->speed_noise + (int64_t)ecu->speed_ticks * cal->speed_fall;
         const int64_t least = kept - ((lost > STATE_MAX) ? STATE_MAX : lost);
-        const int32_t walking = (kept < cal->fade_high) ? kept : cal->fade_high;
-        ecu->speed_fell = ecu->speed < ((least > walking) ? least : walking);
+        const int32_t pace = ecu->speed_fell ? cal->fade_high : 0;
+        const int32_t floor = (kept < pace) ? kept : pace;
+        ecu->speed_fell = ecu->speed < ((least > floor) ? least : floor);
         if (!ecu->speed_fell) {
             ecu->speed_kept = ecu->speed;
             ecu->speed_ticks = 0;

@@ -15,9 +15,9 @@ SPEED = 1
 
 
 def least(ecu: Ecu, cal: Calibration) -> i32:
-    """Return the least speed that may be by now, no less than walking pace if it was above."""
+    """Return the least speed that may be by now; after a fall, walking pace at least."""
     lost: i32 = sat31(cal.speed_noise + ecu.speed_ticks * cal.speed_fall)
-    floor: i32 = clamp(cal.fade_high, 0, ecu.speed_kept)
+    floor: i32 = clamp(ecu.speed_fell * cal.fade_high, 0, ecu.speed_kept)
     return clamp(sat31(ecu.speed_kept - lost), floor, STATE_MAX)
 
 
@@ -25,10 +25,10 @@ def watch_speed(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     """Judge a new sample of the speed; keep the last believed one in its place."""
     ecu.speed_ticks = clamp(ecu.speed_ticks + elapsed, 0, AGE_MAX)
     if (ecu.fresh[RX_VEHICLE_MOTION] & ecu.valid[RX_VEHICLE_MOTION] & SPEED) != 0:
-        ecu.speed_fell = 0
         if ecu.speed < least(ecu, cal):
             ecu.speed_fell = 1
         else:
+            ecu.speed_fell = 0
             ecu.speed_kept = ecu.speed
             ecu.speed_ticks = 0
     if ecu.speed_fell == 1:

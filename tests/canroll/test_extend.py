@@ -83,7 +83,7 @@ def test_faults_and_conditions_are_told(folder):
     assert worse["conditions"] == {"noise": "3", "supply": "10.5"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_frames_of_an_own_bus_are_in_the_bundle(folder, monkeypatch):
     monkeypatch.chdir(folder)
     (line,) = re.findall(r"^canroll (export-c .*)$", PAGE, re.M)

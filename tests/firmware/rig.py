@@ -240,7 +240,7 @@ def calibration(
         [1] * fw.N_RX,
     )
     cal.init_ticks, cal.recovery_ticks, cal.ramp_ticks = per(0.2), per(0.5), per(0.2)
-    cal.stuck_ticks = per(0.1)
+    cal.release_ticks, cal.stuck_ticks = per(0.4), per(0.1)
     cal.roll_rate_max, cal.acceleration_max = round(2.5 * 2**27), round(20.0 * 2**24)
     model = observer_model(vehicle, tick)
     cal.phi_shift, cal.output_shift = [1] * 5, [1] * 3
@@ -269,7 +269,8 @@ def calibration(
     cal.acknowledge_ticks = max(3, 2 * predict_steps + 2)
     cal.delivery_window, cal.delivery_samples, cal.response_ticks = 8, 4, 20
     cal.apart_samples, cal.bound_samples = 8, 10
-    # as wide as it gets: tests of the law are not those of the envelope
+    # as wide as it gets: tests of the law are not those of the envelope or of the speed
+    cal.speed_noise = 200 << 20
     cal.envelope_moment = cal.envelope_slew = cal.envelope_outward = fw.STATE_MAX
     cal.envelope_age, cal.envelope_ticks = 1 << 20, 1 << 20
     cal.arm_front = cal.arm_rear = round(2**28 / (2 * vehicle.half_track))

@@ -36,7 +36,7 @@ def forces(cal, moment: float, failed=()) -> np.ndarray:
     ecu.moment = round(moment * Q14)
     ecu.outputs[0] = ecu.moment
     for corner in failed:
-        ecu.failed[corner] = 1
+        ecu.failed[corner], ecu.trust[corner] = 1, 0
     allocate(ecu, cal)
     given = np.array(ecu.force) / Q14
     arms = np.array([cal.track_front, cal.track_front, cal.track_rear, cal.track_rear]) / 2**29
@@ -106,7 +106,7 @@ def bars(cal, moment, outputs=None, failed=()):
     ecu.outputs = [round(u * Q14) for u in (outputs or (moment, 0.0))]
     ecu.moment = round(moment * Q14)
     for corner in failed:
-        ecu.failed[corner] = 1
+        ecu.failed[corner], ecu.trust[corner] = 1, 0
     allocate(ecu, cal)
     assert ecu.given == sum(ecu.bar)
     return np.array(ecu.bar) / Q14

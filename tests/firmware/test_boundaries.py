@@ -271,7 +271,7 @@ def test_a_failed_bar_gives_nothing_at_all(corner):
     cal = rig.calibration(actuator=fw.BARS, share_slack=1 << 28)
     ecu = rig.started(cal)
     ecu.moment, ecu.front_share = 1000 << 14, 1 << 29
-    ecu.failed[corner] = 1
+    ecu.failed[corner], ecu.trust[corner] = 1, 0
     allocate(ecu, cal)
     axle = corner // 2
     assert (ecu.bar[axle], ecu.bar[1 - axle]) == (0, 750 << 14)

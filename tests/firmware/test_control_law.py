@@ -185,11 +185,11 @@ def test_slew_limit_counts_missed_ticks():
         assert ecu.moment / 2**14 == pytest.approx(expected, abs=0.01)
 
 
-def test_safe_scales_what_was_given_last():
+def test_safe_scales_what_is_held():
     cal = rig.calibration(actuator=fw.BARS)
     ecu = running(cal)
-    ecu.mode, ecu.authority = SAFE, 1 << 28
-    ecu.last_outputs = [500 << 14, 300 << 14]
+    ecu.mode, ecu.authority, ecu.released = SAFE, 0, 1 << 28
+    ecu.held = [500 << 14, 300 << 14]
     ecu.compensator_x[0] = 77
     cal.compensator_order = 1
     control_law.control(ecu, cal, 1)

@@ -61,6 +61,8 @@ def test_everything_starts_at_zero_but_what_is_calibrated_or_means_that_nothing_
         # full authority for the feedforward, the command due at once, its first counter 0
         "feedforward": 1 << 30,
         "since_sent": AGE_MAX,
+        # every corner may give all
+        "trust": [1 << 30] * 4,
         "tx_counter": [14] * N_TX,
         # nothing is known of the vehicle's motion and moment, no counter has been seen
         "motion_lost": 1,

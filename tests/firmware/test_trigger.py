@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from firmware import calibration as fw
 from firmware.event_trigger import HEARTBEAT, NOTHING, TRIGGERED, moved
 from firmware.plausibility import FAULT_COMMAND
-from firmware.state import ACTIVE
+from firmware.state import ACTIVE, SAFE
 
 EPSILON_SQUARED, FLOOR = 0.1, 60.0
 RULE = {
@@ -187,6 +187,7 @@ def test_dampers_are_never_held():
     cal = rig.calibration(**RULE, actuator=fw.DAMPERS)
     cal.timeout_ticks[2] = 5
     ecu = rig.started(cal)
+    ecu.mode = SAFE
     for _ in range(20):
         rig.loop.tick(ecu, cal, 1)
         assert ecu.tx_pending[2] == 1

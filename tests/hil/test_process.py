@@ -16,7 +16,7 @@ def scheduled():
     return os.sched_getscheduler(0), os.sched_getaffinity(0), locked
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_settings_of_a_loop_end_with_it():
     before = scheduled()
     with process.prepared(cpu=min(before[1]), priority=process.ECU_PRIORITY) as notes:

@@ -153,7 +153,7 @@ def test_options_that_cannot_be_are_one_line(arguments, told, capsys):
     assert error.count("\n") == 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_budget_for_the_host_is_judged(calibration_file, tmp_path, capsys):
     """What no machine meets fails with 1; what any meets passes where the run was valid."""
     command = ["timing", "--hil", "--duration", "0.6", "--json", "--calibration"]

@@ -40,6 +40,7 @@ def test_it_ends_with_the_exit_code_and_writes_to_its_own_streams(shell):
     assert help_text.returncode == 0 and "--duration" in help_text.stdout
 
 
+@pytest.mark.long
 def test_it_sees_its_folder_and_environment_and_leaves_nothing_to_the_next(shell):
     shell("printf '[run]\\nduration = 0.2\\nnonsense = 1\\n' > canroll.toml")
     assert "canroll.toml" in shell("canroll run double_lane_change").stderr

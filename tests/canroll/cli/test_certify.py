@@ -107,7 +107,7 @@ def test_a_proof_of_a_loop_that_does_not_run_is_none(calibration, tmp_path, monk
     assert answer["trigger_proved"] is False
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_loop_with_four_times_the_gain_is_refused_with_its_sequence(
     calibration, tmp_path, capsys
 ):

@@ -97,12 +97,13 @@ BUILT = ("timing", "export-c")
 """Commands that build firmware: of the networks of others, one before each merge."""
 CELLS = [
     pytest.param(command, kind, marks=pytest.mark.long)
-    if command in BUILT and kind in ("network", "traffic set", "kcd", "sym", "arxml", "log")
+    if command in BUILT and kind in ("network", "traffic set", "fd profile", "kcd", "sym", "arxml", "log")
     else (command, kind)
     for command in COMMANDS
     for kind in NETWORKS
 ]
-CELLS += [("hil", "own frames"), ("hil", "fd profile"), ("hil --check", "own frames")]
+CELLS += [("hil", "own frames"), ("hil", "fd profile")]
+CELLS += [pytest.param("hil --check", "own frames", marks=pytest.mark.long)]
 
 
 @pytest.fixture(scope="module")

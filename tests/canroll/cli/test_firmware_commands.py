@@ -139,7 +139,7 @@ def test_timing_of_specialised_firmware_takes_fewer_instructions(capsys):
     assert means[1] < 0.7 * means[0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_timing_of_specialised_firmware_counts_the_same_authentication(capsys):
     answers = []
     for options in ([], ["--specialise"]):
@@ -153,7 +153,7 @@ def test_timing_of_specialised_firmware_counts_the_same_authentication(capsys):
     assert special["bytes"]["state"] == general["bytes"]["state"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_specialised_loop_is_exported_with_its_authentication(tmp_path, capsys):
     out = tmp_path / "out"
     words = ("export-c", str(out), "--bus", "secured_fd", "--law", "lqr", "--specialise")

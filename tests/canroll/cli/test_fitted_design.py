@@ -24,6 +24,7 @@ def file(tmp_path):
     return path
 
 
+@pytest.mark.long
 def test_a_design_says_the_worst_of_the_draws_and_margins_says_the_same(file, tmp_path, capsys):
     options = ["--law", "plain_feedforward", "--vehicle", str(file), "--bus", "gateway_20ms"]
     assert main(["design", *options, "--out", str(tmp_path)]) == 0

@@ -74,7 +74,7 @@ def test_a_run_has_the_stage_in_its_loop_and_is_read_back(calibration, tmp_path,
     assert settings.firmware.stage is not None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_proof_covers_it(calibration, capsys):
     assert main(["prove", str(calibration)]) == 0
     assert "stage progressive.py" in capsys.readouterr().out
@@ -112,7 +112,7 @@ def test_its_worst_case_is_bounded(calibration, capsys):
     assert any("stage" in name for name in answer["functions"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @needs_cc
 @pytest.mark.skipif(not shutil.which("make"), reason="needs make")
 def test_the_bundle_has_it_and_passes_its_vectors(calibration, tmp_path):

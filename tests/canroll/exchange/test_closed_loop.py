@@ -50,7 +50,7 @@ def received(frames, by):
     ]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_all_three_meet_the_standard(fmus):
     for kind in ("ecu", "bus", "plant"):
         assert validate_fmu(str(fmus / f"{kind}.fmu")) == []

@@ -51,6 +51,7 @@ def test_a_tick_leaves_no_memory_behind(planned):
     assert slope(lambda seconds: experiment.drive(*planned, enabled=True, duration=seconds)) < 4000
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("on_disk")
 def test_a_trace_is_written_in_blocks(planned, tmp_path):
     traces = {s: experiment.drive(*planned, enabled=False, duration=s) for s in (SHORT, LONG)}

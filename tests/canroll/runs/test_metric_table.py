@@ -35,7 +35,7 @@ def canroll(*arguments):
     return ran.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_metric_added_in_one_place_is_everywhere(tmp_path):
     run = json.loads(canroll("run", *J_TURN, "--out", str(tmp_path), "--json"))
     values = [run[side]["yaw_rate_max_deg_s"] for side in ("passive", "controlled")]

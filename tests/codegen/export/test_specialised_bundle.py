@@ -85,6 +85,7 @@ def test_they_pass_on_a_bare_cortex_m(folder):
     assert "PASS" in result.stdout
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("cppcheck") is None, reason="needs cppcheck")
 def test_cppcheck_and_misra_find_only_what_is_documented(folder):
     found = misra.cppcheck(folder / "src", folder / "include")
@@ -159,6 +160,7 @@ def test_it_is_not_mixed_with_general_code(folder, record, tmp_path):
         bundle.write(general, export(record))
 
 
+@pytest.mark.long
 def test_a_users_own_bus(tmp_path, record):
     (tmp_path / "own.dbc").write_text(DBC)
     (tmp_path / "own.toml").write_text(MAP)

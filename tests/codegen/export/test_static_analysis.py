@@ -38,7 +38,8 @@ def test_cppcheck_and_misra_find_only_what_is_documented(loop):
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cppcheck") is None, reason="needs cppcheck")
-@pytest.mark.parametrize("services", ["beside", pytest.param("secured", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("services", ["beside", "secured"])
 def test_nor_do_they_in_the_services(tmp_path, services):
     firmware = with_services(built_in(), (*SERVICES, *LASTING))
     if services == "secured":

@@ -264,7 +264,7 @@ def test_what_is_no_fd_frame_cannot_be_long(tmp_path):
         bus_map.load(*files(tmp_path, fd=False))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @needs_cc
 def test_its_bundle_passes_its_vectors(tmp_path):
     record = ecu_traffic.random_calibration(3)

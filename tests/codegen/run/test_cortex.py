@@ -11,7 +11,7 @@ from firmware.com.signals import RX_IDS
 from firmware.state import ACTIVE, DEGRADED, Ecu
 from tools.differential import recorded_traffic
 
-CPUS = [c if c == "cortex-m4" else pytest.param(c, marks=pytest.mark.slow) for c in cortex.CPUS]
+CPUS = [c if c == "cortex-m4" else pytest.param(c, marks=pytest.mark.long) for c in cortex.CPUS]
 pytestmark = [
     pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler"),
     pytest.mark.skipif(not cortex.has_pip_tools(), reason="needs canroll[target]"),

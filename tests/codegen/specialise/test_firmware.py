@@ -29,7 +29,10 @@ OTHERS = (
     Case("j_turn", "hinf_delay"),
     Case("double_lane_change", "lqr_full_car", actuator="valves"),
 )
-FEW = (Case("double_lane_change", "lqr"), Case("j_turn", "lqg_delay", actuator="bars"))
+FEW = (
+    Case("double_lane_change", "lqr"),
+    pytest.param(Case("j_turn", "lqg_delay", actuator="bars"), marks=pytest.mark.long),
+)
 
 
 def images(calibrations):
@@ -109,12 +112,8 @@ def test_any_calibration_can_be_specialised(seed):
         assert difference(calibration, traffic) == ""
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "case",
-    [OTHERS[0], *(pytest.param(case, marks=pytest.mark.long) for case in OTHERS[1:])],
-    ids=str,
-)
+@pytest.mark.long
+@pytest.mark.parametrize("case", OTHERS, ids=str)
 def test_every_law_actuator_and_observer(case):
     recording = recorded_traffic.record(case, 3.0)
     for traffic in (
@@ -125,7 +124,7 @@ def test_every_law_actuator_and_observer(case):
         assert difference(recording.calibration, traffic) == ""
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_own_stage_is_specialised_with_the_loop(calibration):
     stage = own_stage.read(ROOT / "examples" / "own_stage" / "progressive.py")
     firmware = with_stage(built_in(), stage)

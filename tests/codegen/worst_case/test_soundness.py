@@ -147,7 +147,7 @@ def test_no_hostile_tick_beats_the_bound(cpu):
     assert seen.stack <= bound.tick.stack
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_calibration_excludes_what_it_never_runs(cpu):
     calibrations = [ecu_traffic.random_calibration(seed) for seed in range(8)]
     calibrations.sort(key=lambda record: record.observer == PROPAGATED_COVARIANCE)

@@ -30,7 +30,7 @@ from firmware.services.xcp_state import (
     UNKNOWN,
     WRITE_PROTECTED,
 )
-from firmware.state import Ecu
+from firmware.state import SAFE, Ecu
 from firmware.subset import bytes_of, fields
 
 SERVED = with_services(built_in(), ("xcp",))
@@ -45,6 +45,15 @@ def tool(request):
     found = Tool(ServedEcu(kind(record, SERVED)))
     assert found.ask(xcp.CONNECT, 0)[0] == 0xFF
     return found
+
+
+def commanding(tool):
+    """Leave INIT, in which no command is sent."""
+    record = tool.ecu.ecu.record
+    if isinstance(record, native.NativeRecord):
+        record.array["mode"] = SAFE
+    else:
+        record.value.mode = SAFE
 
 
 def refused(code, *rest):
@@ -129,6 +138,7 @@ def test_the_loop_changes_to_a_page_that_check_accepts(tool):
 
 
 def test_the_page_that_runs_is_what_the_loop_obeys(tool):
+    commanding(tool)
     change(tool, "heartbeat_ticks", 2, 0, 0, 0)
     assert tool.ask(xcp.SET_CAL_PAGE, 3, 0, 1) == OK
     sent = [len(tool.ecu.run(1)) > 0 for _ in range(8)]
@@ -194,6 +204,7 @@ def test_a_list_holds_the_state_of_its_tick(tool):
 def test_a_list_of_commands_is_sampled_when_one_is_sent(tool):
     tool.measure((address_of("commands_sent", Ecu), 4), event=xcp_state.COMMAND_SENT)
     tool.sampled.clear()
+    commanding(tool)
     expected = []
     for _ in range(60):
         tool.tick()
