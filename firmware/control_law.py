@@ -20,7 +20,7 @@ from firmware.calibration import (
 from firmware.fixed_point import product, shifted, weighted
 from firmware.plausibility import BAD_ACCELERATION
 from firmware.state import ACTIVE, DEGRADED, LATERAL, ROLL, ROLL_RATE, RX_IMU, Ecu
-from firmware.subset import clamp, i32, i64, narrow, rsh, sat31
+from firmware.subset import clamp, i32, i64, rsh, sat31
 
 # bit of ecu.valid of the inertial unit
 YAW = 4

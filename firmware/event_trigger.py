@@ -3,8 +3,8 @@
 Viadero 2022: send when e' Omega e > epsilon**2 u' Omega u, with e the difference to the command
 sent last; an absolute floor keeps sensor noise from firing it near zero. The actuators echo the
 counter of the command they accepted: the last command counts as received until its echo is overdue,
-then it is sent again. In INIT nothing is sent: what the actuators hold of before a restart fades. Over a network the echo may lag several commands behind; that is accepted as
-long as it advances.
+then it is sent again. Over a network the echo may lag several commands behind; that is accepted as
+long as it advances. In INIT nothing is sent: what the actuators hold from before a restart fades.
 """
 
 from firmware.calibration import BARS, DAMPERS, N_RING, SUSPENSION, Calibration

@@ -276,7 +276,7 @@ class Ecu:
         list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "", "of a law with two outputs")
     ]
     held: Annotated[
-        list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "", "outputs when the law was left, or begun")
+        list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "", "outputs when the law left or came")
     ]
 
     # trigger

@@ -1,9 +1,9 @@
 """The same fault without a reaction: what it does by itself.
 
-Harm that a run without the reaction has not had is the reaction's own. Switched off are the ECU's
+Harm that is not done without the reaction is the reaction's own. Switched off are the ECU's
 monitors, timeouts and envelope, by a calibration whose limits nothing reaches, and the status that
-failing actuators report. Frames that their protection refuses stay refused, and the actuators let go
-of a command that is not renewed.
+failing actuators report. Frames that their protection refuses stay refused, and the actuators let
+go of a command that is not renewed.
 """
 
 from dataclasses import replace

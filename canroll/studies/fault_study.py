@@ -1,8 +1,9 @@
 """Every fault of a catalogue driven, and judged: detected, when, and with what harm.
 
 Each is driven once with control and compared with the passive vehicle without faults; what is
-detected and harmful is driven again without the reaction. Nothing is assumed of a fault: an entry without any effect on the run, or that this bus or these actuators
-cannot have, gets no verdict and says why.
+detected and harmful is driven again without the reaction. Nothing is assumed of a fault: an entry
+without any effect on the run, or that this bus or these actuators cannot have, gets no verdict and
+says why.
 """
 
 from collections.abc import Sequence
@@ -207,7 +208,7 @@ class FaultStudy:
 
     @property
     def exit_code(self) -> int:
-        """1 where harm is done unseen and unexcused or by the reaction, or there is a false alarm."""
+        """1 where harm is done unseen, unexcused, or by the reaction, or in a false alarm."""
         return int(any(fault.failed for fault in self.faults) or self.false_alarm)
 
     def to_json(self) -> dict[str, Any]:

@@ -95,9 +95,10 @@ TWO_PROGRAMS = {
 """Commands that start processes: with the kinds that matter to them."""
 BUILT = ("timing", "export-c")
 """Commands that build firmware: of the networks of others, one before each merge."""
+OF_OTHERS = ("network", "traffic set", "fd profile", "kcd", "sym", "arxml", "log")
 CELLS = [
     pytest.param(command, kind, marks=pytest.mark.long)
-    if command in BUILT and kind in ("network", "traffic set", "fd profile", "kcd", "sym", "arxml", "log")
+    if command in BUILT and kind in OF_OTHERS
     else (command, kind)
     for command in COMMANDS
     for kind in NETWORKS
