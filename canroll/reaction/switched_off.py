@@ -8,7 +8,6 @@ go of a command that is not renewed.
 
 from dataclasses import replace
 
-from canroll.setup.controller import PreparedController
 from firmware.calibration import Calibration
 from firmware.subset import fields
 from gain_gen.calibration.record import fill, identify
@@ -26,16 +25,16 @@ WIDEST = (
 """Limits that nothing reaches at the end of their range."""
 
 
-def unsupervised(controller: PreparedController) -> PreparedController:
-    """Return the controller whose ECU reacts to no finding of its own."""
-    values = {field.name: getattr(controller.record, field.name) for field in fields(Calibration)}
+def unsupervised(record: Calibration) -> Calibration:
+    """Return the calibration with which the ECU reacts to no finding of its own."""
+    values = {field.name: getattr(record, field.name) for field in fields(Calibration)}
     ranges = {field.name: field.f for field in fields(Calibration)}
     for name in OFF:
         values[name] = [0] * len(values[name]) if isinstance(values[name], list) else 0
     values |= {name: ranges[name].hi for name in WIDEST}
     longest = ranges["timeout_ticks"].hi
     values["timeout_ticks"] = [longest if ticks else 0 for ticks in values["timeout_ticks"]]
-    return replace(controller, record=identify(fill(values)))
+    return identify(fill(values))
 
 
 def unreported(faults: str) -> str:

@@ -290,7 +290,8 @@ def judge(loop: StudiedLoop, entry: CatalogueEntry) -> JudgedFault:
     visible, by_reaction = None, False
     if observed.harm and observed.detected_after is not None:
         alone = replace(settings, faults=(switched_off.unreported(entry.faults),))
-        left = drive(alone, switched_off.unsupervised(loop.controller), enabled=True)
+        record = switched_off.unsupervised(loop.controller.record)
+        left = drive(alone, replace(loop.controller, record=record), enabled=True)
         by_reaction = not reaction.observe(
             left, loop.passive, parse(entry.faults), loop.healthy
         ).harm
