@@ -20,7 +20,7 @@ from hil.bus_link import EXTENDED
 ROOT = Path(__file__).parents[2]
 VCAN_VM = ROOT / "scripts" / "vcan-vm"
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 
 def on_vcan(script, folder):

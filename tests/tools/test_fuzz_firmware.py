@@ -51,14 +51,19 @@ def test_no_input_crashes_the_firmware(bus, services, calibrations, tmp_path):
     ("taken_out", "symptom"),
     [
         (("canroll_mailbox.c", "if (length < size)", "if (0)"), "heap-buffer-overflow"),
-        (("canroll_mailbox.c", "(frame >= CANROLL_N_FRAMES)", "(0)"), "runtime error"),
-        (
+        pytest.param(
+            ("canroll_mailbox.c", "(frame >= CANROLL_N_FRAMES)", "(0)"),
+            "runtime error",
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
             (
                 "canroll_ecu.c",
                 "canroll_clamp32(elapsed_ticks, 1, CANROLL_AGE_MAX)",
                 "elapsed_ticks",
             ),
             "outside",
+            marks=pytest.mark.long,
         ),
     ],
 )

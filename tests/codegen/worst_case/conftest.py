@@ -28,7 +28,9 @@ def assembled(tmp_path):
     return link
 
 
-@pytest.fixture(params=("cortex-m0", "cortex-m3", "cortex-m4"))
+@pytest.fixture(
+    params=("cortex-m0", pytest.param("cortex-m3", marks=pytest.mark.long), "cortex-m4")
+)
 def cpu(request):
     """Each processor, where the firmware can be built for it."""
     if not cortex.has_gcc_and_qemu():
