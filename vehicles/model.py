@@ -7,7 +7,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from math import degrees, pi, sqrt
+from math import degrees, inf, pi, sqrt
 from pkgutil import resolve_name
 from typing import Any
 
@@ -81,8 +81,11 @@ class RollModel:
 
     @property
     def roll_period(self) -> float:
-        """Undamped period (s); the body hardly overshoots when a moment fades in so long."""
-        return 2 * pi / self.natural_frequency
+        """Undamped period (s), infinite without stiffness.
+
+        When a moment fades in so long the body hardly overshoots.
+        """
+        return 2 * pi / self.natural_frequency if self.effective_stiffness > 0 else inf
 
     @property
     def damping_ratio(self) -> float:

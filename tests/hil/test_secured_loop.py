@@ -56,7 +56,7 @@ def test_an_ecu_that_starts_again_is_heard_by_its_memory_only(planned, tmp_path)
     world.advance(world.now_ns + 10 * MS)  # until the frames under way have come
     # one that has forgotten counts from its first start again, old until it is beyond the last
     refused = world.refused
-    assert drive(world, started(planned, None), 20) == 0
+    assert drive(world, started(planned, None), 50) == 0
     assert world.refused > refused + 2
     assert drive(world, started(planned, memory), 60) > 5
     assert json.loads(memory.read_text())["starts"] == 2

@@ -149,16 +149,18 @@ def test_lost_frames_within_the_limit_are_forgiven_and_beyond_it_synchronised():
     assert rig.send("SuspensionForceCommand", counter=14)
 
 
-def test_the_command_is_held_until_the_timeout_then_ramps_to_zero():
+@pytest.mark.parametrize("force", [500, 2000])
+def test_the_command_is_held_until_the_timeout_then_fades_in_a_period_of_the_roll(force):
     rig = Rig("suspension", vehicle=roomy(), timeout_ms=160.0)
-    rig.send("SuspensionForceCommand", **moment(2000))
+    fades = round(1e3 * roomy().plant.roll_period)
+    rig.send("SuspensionForceCommand", **moment(force))
     trace = rig.run(161)
     assert rig.report["CommandHeld"] == 1
     assert trace[-1] == pytest.approx(trace[120], rel=1e-3)
     rig.run(1)
     assert rig.report["CommandHeld"] == 0
-    falling = rig.run(200)[:, 0]
-    assert falling[10] > 0.5 * trace[-1, 0]
+    falling = rig.run(fades + 100)[:, 0]
+    assert falling[fades // 2] == pytest.approx(0.5 * trace[-1, 0], rel=0.05)
     assert (np.diff(falling) <= 0).all()
     assert falling[-1] == pytest.approx(0.0, abs=1.0)
 
@@ -529,7 +531,11 @@ def test_without_a_command_an_electro_hydraulic_bar_is_a_plain_one():
     rig.send("AntiRollBarCommand", TorqueFront=800)
     rig.run(50)
     assert rig.delivered[0] > 200
-    rig.run(300)
+    fades = round(1e3 * VEHICLE.plant.roll_period)
+    before = rig.delivered[0]
+    rig.run(fades // 2)
+    assert rig.delivered[0] == pytest.approx(0.5 * before, rel=0.1)
+    rig.run(fades)
     assert abs(rig.delivered[0]) < 20
 
 
