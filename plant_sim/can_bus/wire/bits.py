@@ -50,8 +50,9 @@ def wire_bits(
     """Write the bits of a frame, SOF to EOF, into ``out`` (at least 800 long): 0 is dominant.
 
     Returns:
-        Number of bits, and the first bit and the bit after the last that are sent at the data
-        rate (equal where the frame has none). The ACK slot is written dominant, as acknowledged.
+        Number of bits, and the first bit and the bit after the last that count as sent at the
+        data rate (equal where the frame has none). The ACK slot is written dominant, as
+        acknowledged.
     """
     fd = flags & FD
     plain = np.empty(640, np.uint8)
@@ -112,7 +113,7 @@ def wire_bits(
                 end += 1
             out[end] = field >> (width + 3 - index) & 1
             end += 1
-    data_to = end if data_from else 0
+    data_to = end + 1 if data_from else 0
     end = _put(out, end, 0b101, 3)
     end = _put(out, end, 0x7F, 7)
     return end, data_from, data_to

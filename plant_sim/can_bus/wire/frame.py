@@ -2,8 +2,9 @@
 
 One convention everywhere: a frame occupies the bus from the first edge of its SOF to the end of
 the three-bit interframe space; a receiver takes it at the end of the last-but-one EOF bit.
-In FD frames with bit-rate switch the bits after BRS up to the last CRC bit (or fixed stuff bit)
-are sent at the data rate, all others at the nominal rate.
+In FD frames with bit-rate switch the rate changes at the sample points of BRS and of the CRC
+delimiter. Wherever these are, the two bits last together one bit of either rate: BRS counts as
+nominal, the CRC delimiter as data, all bits between them as data and all others as nominal.
 """
 
 from typing import Any, Final
@@ -186,7 +187,7 @@ def _fd_bits(ident: int, flags: int, length: int, payload: NDArray[np.uint8]) ->
     data = 5 + 8 * count + crc_field + stuffed - nominal_stuffed
     nominal += nominal_stuffed + TRAILER_BITS + INTERFRAME_BITS
     if switch:
-        return nominal, data
+        return nominal - 1, data + 1
     return nominal + data, 0
 
 
@@ -205,7 +206,7 @@ def best_case_bits(length: int, flags: int = 0) -> tuple[int, int]:
         count = FD_LENGTHS[length_code(length)]
         data = 5 + 8 * count + (27 if count <= 16 else 32)
         nominal = (36 if flags & EXTENDED else 17) + TRAILER_BITS + INTERFRAME_BITS
-        return (nominal, data) if flags & BIT_RATE_SWITCH else (nominal + data, 0)
+        return (nominal - 1, data + 1) if flags & BIT_RATE_SWITCH else (nominal + data, 0)
     count = 0 if flags & REMOTE else length
     return (67 if flags & EXTENDED else 47) + 8 * count, 0
 

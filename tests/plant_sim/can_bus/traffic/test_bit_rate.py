@@ -79,7 +79,7 @@ def test_the_data_rate_alone_is_assumed_if_the_other_is_given(tmp_path):
 
 
 def test_a_short_frame_of_fast_data_contradicts_slow_data(tmp_path):
-    path = written(tmp_path / "fd.asc", pairs(122e-6, fd=True))
+    path = written(tmp_path / "fd.asc", pairs(120e-6, fd=True))
     assert infer_bus(path, bitrate=500_000).rate.data == 5_000_000
 
 

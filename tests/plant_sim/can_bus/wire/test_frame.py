@@ -1,5 +1,7 @@
 """Frame lengths and bits against an encoder written from the standard, one bit at a time."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,8 @@ from plant_sim.can_bus.wire.frame import (
     best_case_bits,
     frame_bits,
     length_code,
+    length_of,
+    transmission_ns,
     worst_case_bits,
 )
 
@@ -55,7 +59,7 @@ def since(text):
 
 
 def encode(ident, flags, payload):
-    """Bits of a frame from SOF to EOF as a string, and where the data phase lies."""
+    """Bits of a frame from SOF to EOF as a string; places of BRS and CRC delimiter if it switches."""
     fd, extended, remote = flags & FD, flags & EXTENDED, bool(flags & REMOTE)
     dlc = format(FD_LENGTHS.index(len(payload)), "04b")
     text = format(ident, "029b") if extended else format(ident, "011b")
@@ -69,7 +73,7 @@ def encode(ident, flags, payload):
         # two reserved or format bits, dominant: r1 and r0, or IDE and r0
         body = sof + arbitration + "00" + dlc + data
         crc = divide(body, "1100010110011001", "0" * 15)
-        return stuffed(body + crc) + "1" + "0" + "1" + "1" * 7, 0, 0
+        return stuffed(body + crc) + "1" + "0" + "1" + "1" * 7, None
     switch = "1" if flags & BIT_RATE_SWITCH else "0"
     slow = sof + arbitration + ("" if extended else "0") + "10" + switch
     fast = ("1" if flags & ERROR_STATE else "0") + dlc + data
@@ -86,8 +90,24 @@ def encode(ident, flags, payload):
     field = code + crc
     for start in range(0, len(field), 4):
         tail += "10"[tail[-1] == "1"] + field[start : start + 4]
-    begin = len(stuffed(slow)) if switch == "1" else 0
-    return tail + "1" + "0" + "1" + "1" * 7, begin, len(tail) if begin else 0
+    # BRS follows a dominant bit, behind its stuff bit if that is the fifth
+    places = (len(stuffed(slow[:-1])), len(tail)) if switch == "1" else None
+    return tail + "1" + "0" + "1" + "1" * 7, places
+
+
+def timeline(bits, places, times, samples):
+    """Time of a frame from its SOF to the end of the interframe space, bit by bit.
+
+    ``times``: of a nominal and a data bit; ``samples``: where in it each is sampled. The rate
+    changes at the sample points of BRS and of the CRC delimiter, within the bit (ISO 11898-1).
+    """
+    now, rate = Fraction(0), 0
+    for place in range(len(bits) + 3):
+        now += samples[rate] * times[rate]
+        if places is not None and place in places:
+            rate = 1 - rate
+        now += (1 - samples[rate]) * times[rate]
+    return now
 
 
 def random_frame(rng, kinds):
@@ -125,12 +145,16 @@ def compare(count, kinds, seed):
     for _ in range(count):
         ident, flags, payload = random_frame(rng, kinds)
         buffer[: len(payload)] = payload
-        expected, begin, end = encode(ident, flags, payload)
+        expected, places = encode(ident, flags, payload)
         bits, first, last = wire_bits(ident, flags, len(payload), buffer, out)
         assert "".join(map(str, out[:bits])) == expected
-        assert (first, last) == (begin, end)
         nominal, data = frame_bits(ident, flags, len(payload), buffer)
-        assert (nominal, data) == (len(expected) + 3 - (end - begin), end - begin)
+        assert nominal + data == len(expected) + 3
+        assert data == last - first
+        times = [Fraction(1), Fraction(1, int(rng.integers(1, 17)))]
+        samples = [Fraction(int(n), 100) for n in rng.integers(50, 100, size=2)]
+        exact = timeline(expected, places, times, samples)
+        assert nominal * times[0] + data * times[1] == exact
         low, high = best_case_bits(len(payload), flags), worst_case_bits(len(payload), flags)
         assert low[0] <= nominal <= high[0]
         assert low[1] <= data
@@ -154,6 +178,15 @@ def test_known_frame_from_the_literature():
     nominal, _ = frame_bits(0x555, 0, 8, buffer)
     assert 111 <= nominal <= 113
     assert best_case_bits(8) == (111, 0)
+
+
+@pytest.mark.parametrize(
+    ("bitrate", "data_bitrate", "us"),
+    [(500_000, 2_000_000, 113.0), (500_000, 5_000_000, 80.0), (1_000_000, 8_000_000, 42.75)],
+)
+def test_times_of_a_frame_that_switches_its_rate(bitrate, data_bitrate, us):
+    bits = length_of(0x123, bytes(8), FD | BIT_RATE_SWITCH)
+    assert transmission_ns(bits, bitrate=bitrate, data_bitrate=data_bitrate) == 1e3 * us
 
 
 @pytest.mark.parametrize("length", range(9))
