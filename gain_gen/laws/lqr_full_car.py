@@ -135,7 +135,7 @@ def design_lqr_full_car(task: Task) -> Solution:
         raise CanrollError(
             "lqr_full_car commands the currents of hydraulic bars: choose --actuator valves"
         )
-    model = full_car_model(car_of(task.vehicle), SPEED)
+    model = full_car_model(car_of(task.vehicle), SPEED, task.vehicle.sensors.imu_position)
     car = sampled_car(model, task.tick)
     n = len(model.a)
     plain = riccati_gain(
@@ -201,8 +201,9 @@ def _checks(task: Task, car: SampledCar, controller: Controller, kept: float) ->
         "full_car_spectral_radius_delays": below(radius, 1.0),
         "full_car_benefit_kept": above(kept, WORTH),
     }
+    imu = task.vehicle.sensors.imu_position
     for speed in (0.6 * SPEED, SPEED, 1.6 * SPEED):
-        other = sampled_car(full_car_model(car_of(task.vehicle), speed), task.tick)
+        other = sampled_car(full_car_model(car_of(task.vehicle), speed, imu), task.tick)
         a, noise = closed_loop(other, controller, task.delay.most)
         ratio = rolling(a, noise, other.outputs[2]) / rolling(
             other.phi, other.noise, other.outputs[2]

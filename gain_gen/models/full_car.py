@@ -5,10 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_continuous_are
 
+from gain_gen.models.linear_car import accelerometer
 from gain_gen.models.roll import Matrix
 from gain_gen.models.state_space import resolvent
-from vehicles import GRAVITY, Vehicle
+from vehicles import Vehicle
 from vehicles.full_car import INPUTS, REPAIRED, STATES, FullCar, from_vehicle, state_matrices
+from vehicles.roll_stiffness import suspension_roll_stiffness
 
 SPEED = 70.0 / 3.6
 """Speed of the paper's frequency responses, m/s."""
@@ -48,7 +50,9 @@ def car_of(vehicle: Vehicle) -> FullCar:
     """Return the full car with hydraulic bars: the paper's corrected car, or the vehicle's."""
     if vehicle.name == PRINTED_CAR:
         return REPAIRED
-    return from_vehicle(vehicle, suspension_stiffness=vehicle.design.roll_stiffness, hydraulic=True)
+    return from_vehicle(
+        vehicle, suspension_stiffness=suspension_roll_stiffness(vehicle), hydraulic=True
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,20 +72,28 @@ class FullCarModel:
     steer: Matrix
 
 
-def full_car_model(car: FullCar, speed: float) -> FullCarModel:
-    """Return the scaled model at ``speed`` with the ECU's sensor readings as outputs."""
+def full_car_model(
+    car: FullCar, speed: float, imu_position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> FullCarModel:
+    """Return the scaled model at ``speed`` with the ECU's sensor readings as outputs.
+
+    ``imu_position`` is that of the sensors from the sprung CG (x, y, z), m.
+    """
     a, b = state_matrices(car, speed)
-    outputs = np.zeros((4, len(STATES)))
-    outputs[0, ROLL_RATE] = 1.0
-    # lateral acceleration v (β' + r), and gravity through the roll angle
-    outputs[1] = speed * a[SIDESLIP]
-    outputs[1, YAW_RATE] += speed
-    outputs[1, ROLL] += GRAVITY
-    outputs[2, ROLL] = 1.0
-    outputs[3] = _bar_moment(car)
-    steer = np.array([0.0, speed * b[SIDESLIP, STEER], 0.0, 0.0])
+    n, unit = len(STATES), np.eye(len(STATES) + 1)
+    rates = np.column_stack([a, b[:, STEER]])
+    place = (
+        car.distance[0] - car.body_distance[0] + imu_position[0],
+        car.roll_height + imu_position[2],
+    )
+    lateral = speed * rates[SIDESLIP], rates[YAW_RATE], rates[ROLL_RATE]
+    felt = accelerometer(place, lateral, speed * unit[YAW_RATE], unit[ROLL])
+    outputs = np.stack([unit[ROLL_RATE], felt, unit[ROLL], np.append(_bar_moment(car), 0.0)])
     return FullCarModel(
-        a * SCALE[None, :] / SCALE[:, None], b / SCALE[:, None], outputs * SCALE, steer
+        a * SCALE[None, :] / SCALE[:, None],
+        b / SCALE[:, None],
+        outputs[:, :n] * SCALE,
+        outputs[:, n],
     )
 
 

@@ -23,8 +23,11 @@ Active suspension and active bars are the same here: one moment on the body, its
 wheels.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from gain_gen.models.roll import Matrix
 from gain_gen.models.state_space import StateSpace
 from gain_gen.models.trim import steady_curve
 from vehicles import GRAVITY, Vehicle
@@ -131,8 +134,25 @@ def linear_car(
 
     ahead, _, up = vehicle.sensors.imu_position
     turning = speed * unit[_YAW]
-    sensed = sprung @ rates + turning + GRAVITY * unit[_ROLL] + ahead * rates[1] - up * rates[2]
+    place = (vehicle.sprung_cg_offset + ahead, plant.cg_height_above_roll_axis + up)
+    sensed = accelerometer(place, rates[:3], turning, unit[_ROLL])
     of_cg = momentum @ rates / vehicle.total_mass + turning
     outputs = np.stack([unit[_ROLL_RATE], sensed, unit[_ROLL], unit[_YAW], of_cg])
     n = len(STATES)
     return StateSpace(rows[:, :n], rows[:, n:], outputs[:, :n], outputs[:, n:])
+
+
+def accelerometer(
+    place: tuple[float, float], rates: Sequence[Matrix] | Matrix, turning: Matrix, roll: Matrix
+) -> Matrix:
+    """Return the row of what an accelerometer on the body reads to the left (m/s²).
+
+    Args:
+        place: of the sensor ahead of the CG and above the roll axis, m.
+        rates: rows of the rates of lateral velocity, yaw rate and roll rate.
+        turning: row of the speed times the yaw rate.
+        roll: row of the roll angle, through which it reads gravity.
+    """
+    ahead, up = place
+    reading: Matrix = rates[0] + ahead * rates[1] - up * rates[2] + turning + GRAVITY * roll
+    return reading

@@ -13,9 +13,11 @@ from gain_gen.laws.lqr_full_car import closed_loop, rolling, sampled_car
 from gain_gen.models.controller import Compensator
 from gain_gen.models.full_car import (
     CURRENTS,
+    INPUTS,
     ROLL,
     SPEED,
     STEER,
+    car_of,
     full_car_model,
     ideal_gain,
     reduction_db,
@@ -24,6 +26,8 @@ from gain_gen.models.full_car import (
 from gain_gen.models.roll import stationary_covariance, zero_order_hold
 from gain_gen.models.state_space import StateSpace
 from gain_gen.models.task import Delay, Task
+from plant_sim.bodies import linear_car, ports
+from plant_sim.world.linearise import IMU_LATERAL_ACCELERATION, find_trim, linearise
 from vehicles import load
 from vehicles.full_car import AS_PRINTED, REPAIRED
 
@@ -204,3 +208,26 @@ def test_steering_reaches_the_accelerometer_at_once():
     # a left turn: the left side lifts, the accelerometer reads to the left
     assert steady[ROLL] > 0.0
     assert model.outputs[1] @ steady + model.steer[1] > 0.0
+
+
+@pytest.mark.parametrize("name", ["van_2022", "van_real", "sedan_320i"])
+def test_measured_outputs_are_those_of_the_plant(name):
+    """The hydraulic body's step, linearised numerically, read where its inertial unit is."""
+    vehicle = load(name)
+    frequency = np.array([0.5, 1.0, 2.0])
+    plant = linearise(find_trim(vehicle, linear_car.HYDRAULIC_BODY, speed=SPEED))
+    model = full_car_model(car_of(vehicle), SPEED, vehicle.sensors.imu_position)
+    for slot, column in (
+        (ports.STEER, STEER),
+        (ports.VALVE_CURRENT_FRONT, CURRENTS[0]),
+        (ports.VALVE_CURRENT_REAR, CURRENTS[1]),
+    ):
+        expected = plant.response(
+            frequency,
+            np.eye(ports.N_INPUTS)[slot],
+            (ports.ROLL_RATE, IMU_LATERAL_ACCELERATION, ports.ROLL),
+        )
+        feedthrough = model.steer[:3, None] if column == STEER else np.zeros((3, 1))
+        car = StateSpace(model.a, model.b[:, [column]], model.outputs[:3], feedthrough)
+        response = car.response(2.0 * np.pi * frequency)[:, :, 0].T
+        np.testing.assert_allclose(response, expected, rtol=1e-3, err_msg=INPUTS[column])

@@ -59,7 +59,7 @@ def since(text):
 
 
 def encode(ident, flags, payload):
-    """Bits of a frame from SOF to EOF as a string; places of BRS and CRC delimiter if it switches."""
+    """Bits of a frame, SOF to EOF, as a string; places of BRS and CRC delimiter if it switches."""
     fd, extended, remote = flags & FD, flags & EXTENDED, bool(flags & REMOTE)
     dlc = format(FD_LENGTHS.index(len(payload)), "04b")
     text = format(ident, "029b") if extended else format(ident, "011b")
