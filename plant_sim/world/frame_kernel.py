@@ -80,18 +80,18 @@ def send(  # noqa: PLR0917
     payload: NDArray[np.uint8],
     flags: int,
     seed: int,
-) -> int:
-    """Queue a frame of message ``row`` (-1: not ours) as its faults have it; return when."""
+) -> None:
+    """Queue a frame of message ``row`` (-1: not ours) of ``t_ns`` as its faults have it."""
+    late = 0
     if row >= 0 and frames.fault[0, 0] >= 0:
-        handed = t_ns
-        t_ns += int(1e9 * _amount(frames, DELAY, row, handed))
-        if _happens(frames, REORDER, row, handed, seed):
+        late = int(1e9 * _amount(frames, DELAY, row, t_ns))
+        if _happens(frames, REORDER, row, t_ns, seed):
             cycle = max(int(tables.message[row, codec.CYCLE_MS]), SHORTEST_CYCLE_MS)
-            t_ns += int(CYCLES_LATE * 1e6 * cycle)
-        if _happens(frames, DUPLICATE, row, handed, seed):
-            bus.submit(network, node, t_ns + LATER_NS, ident, length, payload, flags)
-    bus.submit(network, node, t_ns, ident, length, payload, flags)
-    return t_ns
+            late += int(CYCLES_LATE * 1e6 * cycle)
+        if _happens(frames, DUPLICATE, row, t_ns, seed):
+            again = late + LATER_NS
+            bus.submit(network, node, t_ns + again, ident, length, payload, flags, 0, again)
+    bus.submit(network, node, t_ns + late, ident, length, payload, flags, 0, late)
 
 
 @njit

@@ -133,7 +133,7 @@ def _post(world: LoopMemory, network: bus.State) -> None:
         flags = EXTENDED if key & EXTENDED_KEY else 0
         if row >= 0:
             flags = world.tables.message[row, codec.FLAGS]
-        t_queued = frame_kernel.send(
+        frame_kernel.send(
             world.frames,
             world.tables,
             network,
@@ -148,7 +148,7 @@ def _post(world: LoopMemory, network: bus.State) -> None:
         )
         if row >= 0 and world.roles[row] == FOR_ACTUATOR:
             flight = world.flight[clock[SUBMISSIONS] % len(world.flight)]
-            flight[FLIGHT_SUBMITTED] = t_queued
+            flight[FLIGHT_SUBMITTED] = out.t_ns
             flight[FLIGHT_SAMPLE] = clock[IMU_SAMPLE]
             clock[SUBMISSIONS] += 1
     clock[OUTBOX] = 0

@@ -90,15 +90,16 @@ def submit(
     payload: NDArray[np.uint8],
     flags: int,
     bits: int = 0,
+    late_ns: int = 0,
 ) -> bool:
-    """``enqueue`` for kernels, which pass the network's record."""
+    """``enqueue`` for kernels, with the network's record; ``late_ns`` after its origin."""
     if t_ns < bus.clock[NOW]:
         raise ValueError("frame queued before the time the bus has been advanced to")
     held = 0 if flags & REMOTE else length
     if length < 0 or length > MAX_PAYLOAD or held > len(payload):
         raise ValueError("frame with more bytes than its payload holds")
     message = message_of(bus, node, ident, flags)
-    slot = store(bus, message, t_ns, t_ns, length, payload, flags)
+    slot = store(bus, message, t_ns, t_ns - late_ns, length, payload, flags)
     if slot < 0:
         return False
     bus.frames[slot].bits = bits
@@ -214,8 +215,7 @@ def release(bus: State, slot: int, now: int) -> None:
     frame = bus.frames[slot]
     node = bus.nodes[frame.node]
     late = node.high_ns > 0
-    own = frame.held == 0 and frame.t_queued == frame.t_origin
-    if own and (bus.clock[FAULT_COUNT] > 0 or late):
+    if frame.held == 0 and (bus.clock[FAULT_COUNT] > 0 or late):
         index = fault_active(bus, NODE_DELAY, frame.node, now)
         if index >= 0 or late or now <= node.delayed_ns:
             queued = now + draw(bus, node, Stream.QUEUE_JITTER + frame.node) if late else now

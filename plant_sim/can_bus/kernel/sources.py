@@ -82,5 +82,7 @@ def forward(bus: State, slot: int, now: int, missed: int) -> None:
             frame.flags,
         )
         if stored >= 0:
+            # only what a node sends itself waits in it before it is queued
+            bus.frames[stored].held = 1
             bus.frames[stored].bits = frame.bits
             schedule(bus, gateway.last_ns, stored)

@@ -234,3 +234,22 @@ def test_impossible_faults_of_frames_are_refused():
         make("attacker.Imu=wrong_length:12")
     with pytest.raises(CanrollError, match="at most 16"):
         make(" + ".join(["Imu=loss:0.1"] * 17))
+
+
+@pytest.mark.parametrize(
+    ("fault", "later"),
+    [
+        ("Imu=delay:0.05", 50),
+        (f"{COMMAND}=delay:0.03", 30),
+        ("Imu=duplicate:1", 0),
+        ("Imu=reorder:1", 15),
+    ],
+)
+def test_what_a_frame_is_late_by_is_age_of_its_sample(fault, later):
+    plain, late = make(), make(fault)
+    drive(plain)
+    drive(late)
+    least = np.subtract(late.ages, plain.ages[: len(late.ages)])[10:]
+    assert len(least) > 80
+    assert least.min() >= (later - 10) * MS
+    assert least.mean() == pytest.approx(later * MS, abs=5 * MS)
