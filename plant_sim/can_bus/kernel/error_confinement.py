@@ -2,7 +2,10 @@
 """Error frames, error counters, error-passive and bus-off nodes (ISO 11898-1, 12.1).
 
 A disturbed bit destroys the attempt for all nodes: the transmitter counts +8 (an error-passive one
-without acknowledgement nothing), every other node +1; a success counts −1 on both sides. Above 127
+without acknowledgement nothing), every other node +1; a success counts −1 on both sides. A
+recessive bit of the arbitration field seen dominant is no error: the transmitter has lost, nobody
+drives on, and after six recessive bits all count +1 as receivers. If that is a stuff bit, it is an
+error that the transmitter does not count (exception 2). Above 127
 a node is error-passive and waits 8 more bits after each of its transmissions; above 255 the
 transmitter leaves the bus, loses its queued frames, and rejoins after 128 times 11 recessive bits.
 An error seen by a single receiver in the last but one bit of EOF makes the nodes inconsistent: the
@@ -15,6 +18,8 @@ from numpy.typing import NDArray
 
 from plant_sim.can_bus.kernel.layout import (
     ACKNOWLEDGE_ERROR,
+    ARBITRATION_LOST,
+    BIT_ERROR,
     BIT_ERRORS,
     BUS_OFF,
     DISTURB,
@@ -30,6 +35,7 @@ from plant_sim.can_bus.kernel.layout import (
     NOW,
     REFUSE,
     SEED,
+    STUFF_ERROR,
     State,
 )
 from plant_sim.can_bus.kernel.ledger import finish
@@ -38,6 +44,7 @@ from plant_sim.can_bus.wire.bits import wire_bits
 from plant_sim.can_bus.wire.frame import (
     ERROR_DELIMITER_BITS,
     ERROR_FLAG_BITS,
+    EXTENDED,
     INTERFRAME_BITS,
     TRAILER_BITS,
     duration_ns,
@@ -45,6 +52,8 @@ from plant_sim.can_bus.wire.frame import (
 from plant_sim.kernels.jit import njit
 from plant_sim.kernels.random import Stream, uniform
 
+_EQUAL_BITS = 6
+"""So many equal bits in a row break the stuffing rule."""
 _RECESSIVE_SEQUENCE_BITS = 11
 _RECOVERY_SEQUENCES = 128
 
@@ -142,13 +151,31 @@ def acknowledged(bus: State, which: int, sender: int, now: int) -> bool:
 
 
 @njit
+def bit_error(bus: State, slot: int, position: int) -> int:
+    """Return what it is that wire bit ``position`` is disturbed: a bit error, or of arbitration."""
+    bits = bus.scratch[0]
+    encode_frame(bus, slot, bits)
+    # identifier and RTR, with SRR and IDE of an extended frame
+    left = 32 if bus.frames[slot].flags & EXTENDED else 12
+    place, run = 1, 1
+    while left > 0 and place <= position:
+        stuffed = run == _EQUAL_BITS - 1
+        if place == position and bits[place] == 1:
+            return STUFF_ERROR if stuffed else ARBITRATION_LOST
+        run = run + 1 if bits[place] == bits[place - 1] else 1
+        left -= 0 if stuffed else 1
+        place += 1
+    return BIT_ERROR
+
+
+@njit
 def error_times(
     bus: State, which: int, slot: int, position: int, kind: int, now: int
 ) -> tuple[int, int]:
     """Return when an error in wire bit ``position`` is seen, and when the bus is free again.
 
     The error flag is 6 bits; nodes that did not see the error see the flag break the stuffing
-    rule and answer with 6 more: 7 to 12 in all, by the equal bits that came before.
+    rule and answer with 6 more: 6 to 12 in all, by the equal bits that came before.
     """
     segment = bus.segments[which]
     bits = bus.scratch[0]
@@ -157,15 +184,20 @@ def error_times(
     rate = segment.data_bitrate if segment.data_bitrate else segment.bitrate
     seen = now + duration_ns(position + 1 - fast, segment.bitrate) + duration_ns(fast, rate)
     flag = ERROR_FLAG_BITS + 1
-    if kind != ACKNOWLEDGE_ERROR and position < total - TRAILER_BITS:
+    if kind == ARBITRATION_LOST:
+        seen += duration_ns(_EQUAL_BITS, segment.bitrate)
+        flag = ERROR_FLAG_BITS
+    elif kind != ACKNOWLEDGE_ERROR and position < total - TRAILER_BITS:
         passive = bus.nodes[bus.frames[slot].node].state == ERROR_PASSIVE
         polarity = 1 if passive else 0
-        run = 0
-        if 1 - bits[position] == polarity:
-            run = 1
-            while run < 5 and position >= run and bits[position - run] == polarity:
-                run += 1
-        flag = 2 * ERROR_FLAG_BITS - run
+        value = 1 - bits[position]
+        run = 1
+        while run < _EQUAL_BITS and position >= run and bits[position - run] == value:
+            run += 1
+        if run == _EQUAL_BITS:
+            flag = ERROR_FLAG_BITS
+        else:
+            flag = 2 * ERROR_FLAG_BITS - (run if value == polarity else 0)
     after = flag + ERROR_DELIMITER_BITS + INTERFRAME_BITS
     return seen, seen + duration_ns(after, segment.bitrate)
 
@@ -208,7 +240,9 @@ def count_error(bus: State, which: int, sender: int, twin: int, kind: int) -> No
         node = bus.nodes[index]
         if node.segment != which or node.state == BUS_OFF:
             continue
-        if index in (sender, twin):
+        if index in (sender, twin) and kind != ARBITRATION_LOST:
+            if kind == STUFF_ERROR:
+                continue
             if kind != ACKNOWLEDGE_ERROR or node.state != ERROR_PASSIVE:
                 _count_transmit_error(bus, which, index)
         elif kind != ACKNOWLEDGE_ERROR:

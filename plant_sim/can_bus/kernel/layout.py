@@ -53,6 +53,10 @@ BIT_ERROR: Final = 1
 COLLISION: Final = 2
 ACKNOWLEDGE_ERROR: Final = 3
 REFUSAL: Final = 4
+ARBITRATION_LOST: Final = 5
+"""A recessive bit of the arbitration field seen dominant, where no other node drives on."""
+STUFF_ERROR: Final = 6
+"""A recessive stuff bit of the arbitration field seen dominant."""
 
 # kinds of faults
 NODE_DOWN: Final = 0

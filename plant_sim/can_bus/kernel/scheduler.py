@@ -9,6 +9,7 @@ queued when the bus is free wins.
 from plant_sim.can_bus.kernel.calendar import pop, take
 from plant_sim.can_bus.kernel.error_confinement import (
     acknowledged,
+    bit_error,
     count_error,
     count_error_flag,
     count_idle,
@@ -25,6 +26,7 @@ from plant_sim.can_bus.kernel.error_confinement import (
 )
 from plant_sim.can_bus.kernel.layout import (
     ACKNOWLEDGE_ERROR,
+    ARBITRATION_LOST,
     BIT_ERROR,
     BUS_OFF,
     COLLISION,
@@ -304,6 +306,8 @@ def _start(bus: State, which: int, slot: int, twin: int, now: int) -> None:
     if position < 0 and twin < 0 and not acknowledged(bus, which, frame.node, now):
         position, kind = bits - 9, ACKNOWLEDGE_ERROR
     if position >= 0:
+        if kind == BIT_ERROR:
+            kind = bit_error(bus, slot, position)
         segment.disturbance = kind
         segment.done_ns, segment.end_ns = error_times(bus, which, slot, position, kind, now)
     elif bus.clock[FAULT_COUNT] > 0:
@@ -358,7 +362,7 @@ def _settle(bus: State, which: int, slot: int, kind: int, now: int) -> None:
     number = sender if node.policy == FIFO else MAX_NODES + frame.message
     queue = bus.queues[number]
     queue.waiting = 0
-    if node.state == ERROR_PASSIVE:
+    if node.state == ERROR_PASSIVE and kind != ARBITRATION_LOST:
         node.suspended_ns = segment.end_ns + duration_ns(SUSPEND_BITS, segment.bitrate)
     missed = segment.missed
     if kind in (NO_ERROR, REFUSAL) and bus.messages[frame.message].gateways:

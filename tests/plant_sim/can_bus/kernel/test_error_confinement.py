@@ -23,7 +23,7 @@ from plant_sim.can_bus import (
 )
 from plant_sim.can_bus.kernel.layout import BUS_OFF, ERROR_ACTIVE, ERROR_PASSIVE
 from plant_sim.can_bus.wire.bits import wire_bits
-from plant_sim.can_bus.wire.frame import frame_bits
+from plant_sim.can_bus.wire.frame import EXTENDED, REMOTE, frame_bits
 
 BIT = 2000
 MS = 1_000_000
@@ -46,41 +46,102 @@ def entries(network):
     return drain(network, 0)[0]
 
 
-def receivers_flag(bits, position):
-    """Length of the superposed error flags, by letting a receiver watch the bus bit by bit.
+def arbitration(bits, extended):
+    """Places of the bits that arbitrate, behind SOF up to RTR, and which of them are stuffed."""
+    left, run, place, stuffed = 32 if extended else 12, 1, 1, {}
+    while left:
+        stuffed[place] = run == 5
+        run = run + 1 if bits[place] == bits[place - 1] else 1
+        left -= not stuffed[place]
+        place += 1
+    return stuffed
 
-    It knows the rule alone: six equal bits in a row are an error, then it sends six dominant ones.
+
+def watched(bits, position, stuffed):
+    """A sender and a receiver that watch the bus bit by bit, with bit ``position`` inverted.
+
+    They know the rules of ISO 11898-1 alone: who sends another bit than is on the bus has a bit
+    error, but for a recessive bit of the arbitration, which is lost; six equal bits are a stuff
+    error; who has an error sends six dominant bits. Returns the bits until the last flag has
+    ended, the transmit errors of the sender, and the receive errors of both.
     """
-    seen = [*bits[:position], 1 - bits[position]]
-    wire, answering = 0, None
-    while True:
-        sender_done = wire >= 6
-        if answering is not None and answering >= 6 and sender_done:
-            return wire
-        seen.append(0)
-        wire += 1
-        if answering is not None:
-            answering += 1
-        elif len(set(seen[-6:])) == 1:
-            answering = 0
+    wire, sends, flags = [], True, {}
+    transmit, receive = 0, {"sender": 0, "receiver": 0}
+    while not flags or max(flags.values()) + 6 > len(wire):
+        place = len(wire)
+        level = 0 if any(begun <= place < begun + 6 for begun in flags.values()) else 1
+        driven = bits[place] if sends and "sender" not in flags else 1
+        level = min(level, driven)
+        level = 1 - level if place == position else level
+        wire.append(level)
+        six = len(wire) >= 6 and len(set(wire[-6:])) == 1
+        for node in receive.keys() - flags.keys():
+            transmits = node == "sender" and sends
+            recessive = transmits and level < driven
+            if recessive and not stuffed.get(place, True):
+                sends = False
+            elif transmits and level != driven:
+                flags[node] = place + 1
+                # a recessive stuff bit before RTR seen dominant leaves the counter (exception 2)
+                transmit += 0 if recessive and place in stuffed else 8
+            elif six:
+                flags[node] = place + 1
+                receive[node] += 1
+    return len(wire), transmit, receive["sender"], receive["receiver"]
 
 
-@pytest.mark.parametrize("position", range(1, 100, 7))
-def test_an_error_frame_is_as_long_as_a_watching_receiver_makes_it(position):
+@pytest.mark.parametrize(
+    ("ident", "flags"),
+    [
+        (0x2AA, 0),
+        (0x555, 0),
+        (0x00F, 0),
+        (0x7F0, REMOTE),
+        (0x0AAAAAAA, EXTENDED),
+        (0x1F07C1F0, EXTENDED),
+        (0x00000000, EXTENDED),
+    ],
+)
+def test_an_error_is_counted_and_as_long_as_those_who_watch_the_bus_make_it(ident, flags):
+    """Every bit before the CRC delimiter, one at a time; the nodes are error-active."""
+    out = np.zeros(800, np.uint8)
+    count, _, _ = wire_bits(ident, flags, 8, PAYLOAD, out)
+    bits = [int(b) for b in out[:count]]
+    stuffed = arbitration(bits, flags & EXTENDED)
+    for position in range(1, count - 10):
+        network = bus(faults=(BusFault("disturb", "n0", value=position, count=1),))
+        enqueue(network, 0, 0, ident, 8, PAYLOAD, flags)
+        advance(network, 10 * MS)
+        broken, good = entries(network)
+        length, transmit, sender, receiver = watched(bits, position, stuffed)
+        assert broken["outcome"] == ERROR
+        assert broken["t_end"] == (length + 8 + 3) * BIT
+        assert (good["outcome"], good["attempts"]) == (DELIVERED, 2)
+        assert good["t_start"] == broken["t_end"]
+        # the repetition counts one down for its sender and its receivers
+        assert list(network.nodes["transmit_errors"]) == [max(transmit - 1, 0), 0, 0]
+        assert list(network.nodes["receive_errors"]) == [sender, receiver - 1, receiver - 1]
+
+
+@pytest.mark.parametrize(("ident", "transmit"), [(0x555, 0), (0x000, 8)])
+def test_a_disturbed_recessive_bit_of_the_identifier_is_arbitration_lost(ident, transmit):
+    """Wire bit 1; six recessive bits later all nodes see a stuff error and count one."""
+    network = bus(faults=(BusFault("disturb", "n0", value=1, count=1),))
+    enqueue(network, 0, 0, ident, 8, PAYLOAD)
+    advance(network, 60_000)
+    assert list(network.nodes["transmit_errors"]) == [transmit, 0, 0]
+    assert list(network.nodes["receive_errors"]) == [0 if transmit else 1, 1, 1]
+
+
+@pytest.mark.parametrize(("position", "waits"), [(1, 0), (2, 8)])
+def test_a_passive_node_that_lost_arbitration_was_no_transmitter_and_need_not_wait(position, waits):
     network = bus(faults=(BusFault("disturb", "n0", value=position, count=1),))
-    enqueue(network, 0, 0, 0x2AA, 8, PAYLOAD)
+    network.nodes["transmit_errors"][0], network.nodes["state"][0] = 140, ERROR_PASSIVE
+    network.segments["disturbed"][0] = 1
+    enqueue(network, 0, 0, 0x555, 8, PAYLOAD)
     advance(network, 10 * MS)
     broken, good = entries(network)
-    out = np.zeros(800, np.uint8)
-    count, _, _ = wire_bits(0x2AA, 0, 8, PAYLOAD, out)
-    assert position < count - 10
-    flag = receivers_flag([int(b) for b in out[:count]], position)
-    assert 6 <= flag <= 12
-    assert broken["outcome"] == ERROR
-    assert broken["t_received"] == (position + 1) * BIT
-    assert broken["t_end"] == (position + 1 + flag + 8 + 3) * BIT
-    assert (good["outcome"], good["attempts"]) == (DELIVERED, 2)
-    assert good["t_start"] == broken["t_end"]
+    assert good["t_start"] == broken["t_end"] + waits * BIT
 
 
 def test_counters_rise_by_eight_and_one_and_fall_by_one():
