@@ -62,8 +62,8 @@ HEADLINES = tuple(
 )
 
 GAINS = (
-    "The printed gain is larger than the recomputed one, and its exact level with the delays of "
-    "this network exceeds the printed level even without the trigger."
+    "The printed gain is larger than the recomputed one: its exact level with the delays of this "
+    "network is within the printed level, but more than twice that of the recomputed gain."
 )
 
 

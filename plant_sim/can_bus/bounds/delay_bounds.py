@@ -1,6 +1,6 @@
 """Bounds of the total delay from a sensor's sample to the actuator's force.
 
-τ_max = sensor filter + response of the sensor frame + wait for the tick that uses it + run time and
+τ_max = sensor filter + response of the sensor frame + sensor period until the next + run time and
 its jitter + response of the command frame + actuator period + lost sensor frames + gateways + one
 tick, for which the command is held. τ_min is the same with the shortest frames and no waiting.
 Responses over gateways come from the holistic analysis.
@@ -224,8 +224,8 @@ def total_delay(
 
     The command's greatest time runs from the nominal tick: run time and jitter are in it.
     """
-    # a tick between two samples uses the older one: it waits a sensor period, not only a tick
-    waiting = max(tick_s, sensor_period_s) + n_lost * sensor_period_s
+    # a tick, however long, uses the newest sample received: the next one came a period later
+    waiting = (1 + n_lost) * sensor_period_s
     age_min = sensor.least + command.least
     age_max = sensor.greatest + waiting + command.greatest + actuator_period_s
     return DelayBounds(

@@ -240,7 +240,7 @@ def test_gains_behind_the_tables(viadero):
     (row,) = section(to_json(viadero), "design")
     assert row["gain_as_printed"] == "13553"
     assert row["gamma_printed"] == pytest.approx(math.sqrt(16.96))
-    assert row["gamma_as_printed"] > row["gamma_printed"] > row["gamma_computed"]
+    assert row["gamma_printed"] > row["gamma_as_printed"] > 2.0 * row["gamma_computed"]
     assert row["admitted_delay_ms_as_printed"] < row["admitted_delay_ms_computed"]
 
 
