@@ -68,6 +68,11 @@ class SecocModule:
         return int(self.record["refused"])
 
     @property
+    def starts(self) -> int:
+        """Number of the start that its frames belong to."""
+        return int(self.record["tx_reset"])
+
+    @property
     def senders(self) -> tuple[int, ...]:
         """Number of the last known start of each message's sender."""
         return tuple(map(int, self.record["rx_reset"]))
@@ -85,22 +90,20 @@ class SecuredEcu:
         self._ecu, self._secoc, self._key = ecu, SecocModule(ecu.machine, ecu.firmware), key
         self._slot_of = {ident: slot for slot, (ident, _) in enumerate(ecu.firmware.sent)}
         self._listening = listening_ticks(tick_us)
-        self._starts = 0
         self.accepted = 0
         self._refused_before = 0
         self._begin(lasting)
 
     def _begin(self, lasting: Lasting) -> None:
         """Start as after a loss of power, with what the lasting memory holds."""
-        self._starts = min(lasting.starts + 1, RESET_MAX)
-        self._secoc.start(self._key, self._starts, self._listening)
+        self._secoc.start(self._key, min(lasting.starts + 1, RESET_MAX), self._listening)
         for message, reset in enumerate(lasting.senders):
             self._secoc.resume(message, reset)
 
     @property
     def lasting(self) -> Lasting:
         """What it remembers without power."""
-        return Lasting(self._starts, tuple(self._secoc.senders))
+        return Lasting(self._secoc.starts, tuple(self._secoc.senders))
 
     def restart(self) -> None:
         """Start anew, as after a loss of power."""

@@ -5,9 +5,10 @@
 A secured frame has 16 bytes: the 8 of the frame, the low 32 bits of its freshness value, the first
 32 bits of an AES-128-CMAC over data id, frame and the whole freshness value of 48 bits. This value
 is the number of starts of the sender, which it keeps in memory that lasts, and the number of the
-frame since. A receiver takes a frame only where it is newer than the last: within a start by the
-number, else by a start that is at most 127 ahead. So after a reset of the sender the first frame
-resynchronises, and after one of the receiver as well.
+frame since; behind the last number the sender takes the next start. A receiver takes a frame only
+where it is newer than the last: within a start by the number, else by a start that is at most 127
+ahead. So after a reset of the sender the first frame resynchronises, and after one of the receiver
+as well.
 """
 
 from typing import Annotated
@@ -81,10 +82,15 @@ def authenticate(
 def protect(secoc: Secoc, slot: i32, frame: Annotated[list[u8], SECURED]) -> None:
     """Finish a frame to be sent: write freshness value and CMAC behind its 8 bytes.
 
-    The last number of a start is never sent twice: it ends the sending until the next start.
+    In place of the last number of a start the next one begins, of all frames: ``tx_reset`` has to
+    be in memory that lasts before the frame is sent. The last start has none behind it.
     """
     if slot < 0 or slot >= N_TX:
         return
+    if secoc.tx_freshness[slot] == COUNTER_MAX and secoc.tx_reset < RESET_MAX:
+        secoc.tx_reset += 1
+        for sent in range(N_TX):
+            secoc.tx_freshness[sent] = 0
     count: i32 = secoc.tx_freshness[slot]
     mac: i32 = authenticate(secoc, TX_DATA_IDS[slot], frame, secoc.tx_reset, count)
     if count == COUNTER_MAX:

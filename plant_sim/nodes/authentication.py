@@ -181,7 +181,7 @@ def protect(
     if auth.flag[ENABLED] == 0:
         return
     state = auth.sent[row]
-    if first:
+    if first or state[COUNT] == COUNTS - 1:
         state[STARTS] += 1
         state[COUNT] = 0
     starts, count = state[STARTS], state[COUNT]

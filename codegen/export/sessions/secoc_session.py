@@ -18,7 +18,8 @@ number of starts and for `secoc.rx_reset`. After `canroll_init` call `canroll_se
 key, the number of this start and the ticks to listen for, and `canroll_secoc_resume` with the last
 known start of each sender; once a tick `canroll_secoc_elapse`; `canroll_secoc_verify` for each
 frame, and `canroll_receive` where it returns 1; `canroll_secoc_protect` for each frame before it is
-sent.
+sent. After 2^24 - 1 frames it goes on as the next start: keep `secoc.tx_reset` before the frame is
+sent, as `keep_starts` of the example has to.
 
 **`src/canroll_key.c` holds the public development key: replace the file.** No other file has a key.
 As it is it compiles only where `CANROLL_PUBLIC_KEY` is defined, as `make example.elf
@@ -64,13 +65,24 @@ static canroll_secoc secoc;
 __attribute__((weak)) int32_t starts(void)
 {
     return 1;
+}
+
+/* To memory that lasts, before a frame of this start is sent. */
+__attribute__((weak)) void keep_starts(int32_t number)
+{
+    (void)number;
 }"""
 PLACES = {
     "include": '\n#include "canroll_key.h"',
-    "prototype": "\nint32_t starts(void);\n",
+    "prototype": "\nint32_t starts(void);\nvoid keep_starts(int32_t number);\n",
     "record": RECORD,
     "verified": "\n                && canroll_secoc_verify(&secoc, message, payload, length) == 1",
-    "protected": "\n            canroll_secoc_protect(&secoc, slot, ecu.tx_payload[slot]);",
+    "protected": """
+            const int32_t start = secoc.tx_reset;
+            canroll_secoc_protect(&secoc, slot, ecu.tx_payload[slot]);
+            if (secoc.tx_reset != start) {
+                keep_starts(secoc.tx_reset);
+            }""",
     "start": "\n    canroll_secoc_start(&secoc, canroll_key, starts(), {listening});",
     "elapsed": "\n    canroll_secoc_elapse(&secoc, elapsed);",
 }

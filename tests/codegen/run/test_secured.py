@@ -12,6 +12,7 @@ from codegen.run.bus_firmware import built_in, of_bus
 from codegen.run.native import compiler
 from codegen.run.secured import SecocModule, SecuredEcu, listening_ticks
 from codegen.run.unicorn import CortexEcu
+from firmware.security.secoc_state import COUNTER_MAX
 from firmware.state import RX_IMU, TX_ANTI_ROLL_BAR
 
 KEY = bytes(range(50, 66))
@@ -93,6 +94,17 @@ def test_lasting_memory(backend):
     ident, _ = FIRMWARE.sent[TX_ANTI_ROLL_BAR]
     expected = mac(dbc.data_id(dbc.message("AntiRollBarCommand")), payload, 2, 0)
     assert ecu.protected((ident, payload + bytes(8))) == (ident, payload + expected)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_start_that_began_behind_the_last_number_lasts(backend):
+    ecu = opened(backend)
+    ident, length = FIRMWARE.sent[TX_ANTI_ROLL_BAR]
+    ecu._secoc.record["tx_freshness"] = [COUNTER_MAX] * len(FIRMWARE.sent)
+    _, frame = ecu.protected((ident, bytes(length)))
+    assert (ecu.lasting.starts, frame[8:12]) == (2, bytes([2, 0, 0, 0]))
+    ecu.restart()
+    assert ecu.lasting.starts == 3
 
 
 @pytest.mark.skipif(not cortex.has_pip_tools(), reason="needs canroll[target]")

@@ -6,8 +6,8 @@ from cryptography.hazmat.primitives.cmac import CMAC
 
 from firmware.com.protection import RX_DATA_IDS, TX_DATA_IDS
 from firmware.security import secoc
-from firmware.security.secoc_state import COUNTER_MAX, SECURED, Secoc
-from firmware.state import RX_IMU, TX_ANTI_ROLL_BAR
+from firmware.security.secoc_state import COUNTER_MAX, RESET_MAX, SECURED, Secoc
+from firmware.state import RX_IMU, TX_ANTI_ROLL_BAR, TX_STATUS
 
 KEY = bytes(range(100, 116))
 PAYLOAD = bytes.fromhex("1122334455667788")
@@ -125,18 +125,45 @@ def test_messages_do_not_share_their_freshness():
     assert verified(its, secured(2, identity=RX_DATA_IDS[3]), message=3) == 1
 
 
-def test_the_last_number_of_a_start_authenticates_nothing():
-    its = started()
+def sent(its, slot=TX_ANTI_ROLL_BAR):
+    frame = [*PAYLOAD, *[0] * 8]
+    secoc.protect(its, slot, frame)
+    return bytes(frame)
+
+
+def test_behind_the_last_number_of_a_start_all_frames_go_on_as_the_next():
+    its = started(reset=300)
     its.tx_freshness[TX_ANTI_ROLL_BAR] = COUNTER_MAX - 1
-    frames = []
-    for _ in range(3):
-        frame = [*PAYLOAD, *[0] * 8]
-        secoc.protect(its, TX_ANTI_ROLL_BAR, frame)
-        frames.append(bytes(frame))
+    its.tx_freshness[TX_STATUS] = 70_000
+    identity, other = TX_DATA_IDS[TX_ANTI_ROLL_BAR], TX_DATA_IDS[TX_STATUS]
+    assert sent(its) == secured(COUNTER_MAX - 1, 300, identity=identity)
+    assert sent(its, TX_STATUS) == secured(70_000, 300, identity=other)
+    assert sent(its) == secured(0, 301, identity=identity)
+    assert its.tx_reset == 301
+    assert sent(its) == secured(1, 301, identity=identity)
+    assert sent(its, TX_STATUS) == secured(0, 301, identity=other)
+
+
+def test_a_receiver_follows_a_sender_into_its_next_start_and_takes_nothing_of_the_last():
+    its = started(reset=300)
+    secoc.resume(its, RX_IMU, 300)
+    recorded = [secured(count, 300) for count in (0, COUNTER_MAX - 2, COUNTER_MAX - 1)]
+    assert verified(its, recorded[1]) == 1
+    assert verified(its, recorded[2]) == 1
+    assert verified(its, secured(COUNTER_MAX, 300)) == 0
+    assert verified(its, secured(0, 301)) == 1
+    assert [verified(its, frame) for frame in (*recorded, secured(0, 301))] == [0] * 4
+    assert verified(its, secured(1, 301)) == 1
+
+
+def test_the_last_number_of_the_last_start_authenticates_nothing():
+    its = started(reset=RESET_MAX)
+    its.tx_freshness[TX_ANTI_ROLL_BAR] = COUNTER_MAX - 1
+    frames = [sent(its) for _ in range(3)]
     identity = TX_DATA_IDS[TX_ANTI_ROLL_BAR]
-    assert frames[0] == secured(COUNTER_MAX - 1, identity=identity)
+    assert frames[0] == secured(COUNTER_MAX - 1, RESET_MAX, identity=identity)
     assert frames[1][12:] == frames[2][12:] == bytes(4)
-    assert verified(started(), secured(COUNTER_MAX)) == 0
+    assert its.tx_reset == RESET_MAX
 
 
 @pytest.mark.parametrize("slot", [-1, 6])

@@ -71,6 +71,15 @@ def test_the_first_frame_of_a_node_begins_a_start():
         assert frame.tobytes() == secured(count, starts).tobytes()
 
 
+def test_behind_the_last_number_of_a_start_a_frame_goes_on_as_the_next():
+    auth, frame = nodes(starts=300), secured(0)
+    auth.sent[IMU] = 300, 2**24 - 2
+    for starts, count in ((300, 2**24 - 2), (301, 0), (301, 1)):
+        authentication.protect(auth, TABLES, IMU, frame, False)
+        assert frame.tobytes() == secured(count, starts).tobytes()
+        assert verified(nodes(heard_starts=[300] * len(TABLES.message)), frame)
+
+
 def test_every_frame_passes_once_and_older_ones_never():
     auth = nodes()
     for count in (0, 1, 5, 4000):
