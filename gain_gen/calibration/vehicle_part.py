@@ -97,6 +97,11 @@ def moment_limit(task: Task, share: float) -> float:
     return ACTUATORS[task.actuator].command_limit(task.vehicle, share, _range)
 
 
+def actuator_moment(task: Task) -> float:
+    """Return the largest roll moment of the actuators at this split, N·m."""
+    return ACTUATORS[task.actuator].moment_limit(task.vehicle, share_of(task), _range)
+
+
 def _range(message: str, signal: str) -> int:
     """Return the range of a command on the bus, whole N, N·m or mA."""
     return floor(dbc.largest(message, signal))
@@ -234,7 +239,7 @@ def _envelope(task: Task, share: float) -> dict[str, Value]:
     source = RX_ROLL_REFERENCE if task.observer == "reference" else RX_IMU
     timeout = timeouts[source]
     assert isinstance(timeout, int)
-    moment = ACTUATORS[task.actuator].moment_limit(task.vehicle, share, _range)
+    moment = actuator_moment(task)
     return {
         "envelope_moment": most,
         "envelope_slew": min(max(slew, most // ramp + 2), fw.STATE_MAX),
