@@ -6,10 +6,10 @@ delivered moment (the commanded one is used) or one corner or bar (its moment mo
 last command, fades it and keeps the heartbeat. Both end when all inputs have been good for the
 calibrated time, except after a corrupt calibration, which is permanent.
 
-What the car leans on is not taken from it at once: the held command, the force of a failed corner
-and the feedforward without its sensor fade over ``release_ticks``, one period of the body's roll:
-the body goes to the roll of the car without control, and a tenth of the way beyond at most. Taken
-away at once it would overshoot by half. After a restart the law takes over what is being delivered.
+What the car leans on is not taken from it at once: the held command and the force of a failed
+corner fade over ``release_ticks``, one period of the body's roll: the body goes to the roll of the
+car without control, and a tenth of the way beyond at most. Taken away at once it would overshoot by
+half. After a restart the law takes over what is being delivered.
 """
 
 from firmware.calibration import DAMPERS, ONE, STATE_MAX, Calibration
@@ -62,7 +62,7 @@ def take_over(ecu: Ecu, cal: Calibration) -> None:
 
 
 def fade(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
-    """Move authority, trust and feedforward: up along the ramp, down over a period of the roll."""
+    """Move authority and feedforward along the ramp, what is let go over a period of the roll."""
     up: i32 = sat31(elapsed * tdiv(ONE, cal.ramp_ticks))
     down: i32 = -sat31(elapsed * tdiv(ONE, cal.release_ticks))
     if ecu.mode == ACTIVE or ecu.mode == DEGRADED:
@@ -74,7 +74,7 @@ def fade(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
             change = down
         ecu.trust[corner] = clamp(ecu.trust[corner] + change, 0, ONE)
     if ecu.lateral_lost == 1:
-        up = down
+        up = -up
     ecu.feedforward = clamp(ecu.feedforward + up, 0, ONE)
 
 

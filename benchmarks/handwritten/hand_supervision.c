@@ -377,7 +377,7 @@ static int32_t step_of(int32_t elapsed, int32_t ticks)
     return (way > STATE_MAX) ? STATE_MAX : (int32_t)way;
 }
 
-/* Move authority, trust and feedforward: up along the ramp, down over a period of the roll. */
+/* Move authority and feedforward along the ramp, what is let go over a period of the roll. */
 static void fade(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
 {
     const int32_t up = step_of(elapsed, cal->ramp_ticks);
@@ -389,7 +389,7 @@ static void fade(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elaps
     for (uint32_t k = 0; k < 4; k++) {
         ecu->trust[k] = limit(ecu->trust[k] + (ecu->failed[k] ? -down : up), 0, ONE);
     }
-    ecu->feedforward = limit(ecu->feedforward + (ecu->lateral_lost ? -down : up), 0, ONE);
+    ecu->feedforward = limit(ecu->feedforward + (ecu->lateral_lost ? -up : up), 0, ONE);
 }
 
 void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)

@@ -2,7 +2,7 @@
 
 The node runs every 1 ms, on the plant's grid. A command frame takes effect if end-to-end protection
 accepts it; it is held until the command timeout, then fades to zero within one period of the body's
-roll, which hardly overshoots. A disabled node accepts and acknowledges commands and delivers
+roll, which hardly overshoots, and at once where it would push outward. A disabled node accepts and acknowledges commands and delivers
 nothing.
 """
 
@@ -126,6 +126,8 @@ def supervise(node: ActuatorNode, t_ns: int) -> None:
     if node.flag[HELD] and t_ns - node.flag[T_ACCEPTED] > node.flag[TIMEOUT]:
         node.flag[HELD] = 0
         node.state[DEMAND : DEMAND + 4] = 0.0
+    if not node.flag[HELD] and envelope.outward(node.envelope, _fading_moment(node), t_ns):
+        node.state[FADING : FADING + 4] = np.inf
     if not node.flag[ENABLED]:
         return
     demand = node.state[DEMAND : DEMAND + 4]
@@ -136,6 +138,15 @@ def supervise(node: ActuatorNode, t_ns: int) -> None:
     if envelope.cuts(node.envelope, front, rear, t_ns):
         for corner in range(4):
             node.flag[LATCHED + corner] = max(node.flag[LATCHED + corner], STATUS_LIMITED)
+
+
+@njit
+def _fading_moment(node: ActuatorNode) -> float:
+    """Roll moment (N·m) of what is left of a command; of valves the channels are moments."""
+    left = node.state[REFERENCE : REFERENCE + 4]
+    if node.flag[KIND] == VALVES:
+        return float(left[0] + left[1])
+    return envelope.moment_of(node.envelope, 0, left) + envelope.moment_of(node.envelope, 1, left)
 
 
 @njit

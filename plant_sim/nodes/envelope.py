@@ -125,6 +125,14 @@ def cuts(envelope: Envelope, front: float, rear: float, t_ns: int) -> bool:
 
 
 @njit
+def outward(envelope: Envelope, moment: float, t_ns: int) -> bool:
+    """Whether a roll moment (N·m) pushes outward in the curve that was heard of lately."""
+    memory = envelope.memory
+    known = memory[HEARD_NS] != NEVER and t_ns - memory[HEARD_NS] <= DEAF_NS
+    return bool(known and moment * memory[ACCELERATION] > 0.0)
+
+
+@njit
 def moment_of(envelope: Envelope, axle: int, commands: Vector) -> float:
     """Roll moment (N·m) of commands by channel at an axle."""
     total = 0.0

@@ -186,10 +186,10 @@ def test_lost_lateral_acceleration_ends_with_the_feedforward_back_after_recovery
     ticks_until(bench, DEGRADED)
     assert bench.ecu.lateral_lost == 1
     ramp = []
-    for _ in range(bench.cal.release_ticks):
+    for _ in range(bench.cal.ramp_ticks):
         ramp.append(bench.ecu.feedforward)
         bench.step(3.0)
-    assert np.allclose(np.diff(ramp), -(1 << 30) / bench.cal.release_ticks, rtol=1e-6)
+    assert np.allclose(np.diff(ramp), -(1 << 30) / bench.cal.ramp_ticks, rtol=1e-6)
     assert bench.ecu.feedforward < 100
     bench.change.clear()
     for _ in range(bench.cal.recovery_ticks - 2):

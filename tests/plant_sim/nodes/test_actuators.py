@@ -14,7 +14,14 @@ from canroll.errors import CanrollError, UnknownNameError
 from firmware import calibration as fw
 from plant_sim.bodies import ports
 from plant_sim.kernels.schedule import ScheduledFault
-from plant_sim.nodes import actuator_kernel, actuator_models, codec, codec_tables, hydraulics
+from plant_sim.nodes import (
+    actuator_kernel,
+    actuator_models,
+    codec,
+    codec_tables,
+    envelope,
+    hydraulics,
+)
 from plant_sim.nodes import actuators as actuator_setup
 from plant_sim.nodes.actuators import ActuatorOptions
 from vehicles.actuators import ACTUATORS
@@ -590,3 +597,14 @@ def test_impossible_options_are_refused(kind, options, error, text):
 def test_kinds_have_the_numbers_of_the_firmware():
     numbers = {name: getattr(fw, name.upper()) for name in ACTUATORS}
     assert {name: actuator.number for name, actuator in ACTUATORS.items()} == numbers
+
+
+@pytest.mark.parametrize(("lateral", "outward"), [(6.0, True), (-6.0, False)])
+def test_what_fades_is_dropped_where_it_would_push_outward(lateral, outward):
+    rig = Rig("suspension", vehicle=roomy())
+    rig.send("SuspensionForceCommand", **moment(2000))
+    rig.run(161)
+    memory = rig.node.envelope.memory
+    memory[envelope.ACCELERATION], memory[envelope.HEARD_NS] = lateral, 161e6
+    rig.run(100)
+    assert (rig.forces[0] < 20) == outward
