@@ -2,8 +2,8 @@
 
 The node runs every 1 ms, on the plant's grid. A command frame takes effect if end-to-end protection
 accepts it; it is held until the command timeout, then fades to zero within one period of the body's
-roll, which hardly overshoots, and at once where it would push outward. A disabled node accepts and acknowledges commands and delivers
-nothing.
+roll, which hardly overshoots, and at once where it would push outward. A disabled node accepts and
+acknowledges commands and delivers nothing.
 """
 
 from typing import NamedTuple
