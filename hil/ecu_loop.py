@@ -23,18 +23,23 @@ from hil.process import Stop, collector_off
 from hil.tick_trace import TickRecorder
 
 STOPPED, PEER_LOST, DURATION = "stopped", "peer lost", "duration over"
+PLANT_ENDED = "plant ended"
 AWAKE_NS = 300_000
 """The bus is not waited on for the last bit of a period: not every driver's timeout is exact."""
 
 
 @dataclass(frozen=True, slots=True)
 class EcuOutcome:
-    """Outcome of a loop: reason for its end, ticks run, ticks skipped, final mode of the ECU."""
+    """Outcome of a loop: reason for its end, ticks run, ticks skipped, final mode of the ECU.
+
+    ``not_valid``: why a run in lock step is not one run with one plant; "": it is.
+    """
 
     reason: str
     ticks: int
     misses: int
     mode: int
+    not_valid: str = ""
 
 
 def run(
@@ -172,7 +177,8 @@ def run_granted(
         while duration_ns is None or number * period < duration_ns:
             grant = grants.wait(peer_timeout)
             if grant is None:
-                reason = STOPPED if stop.requested else PEER_LOST
+                reason = PLANT_ENDED if grants.ended else PEER_LOST
+                reason = STOPPED if stop.requested else reason
                 break
             began = time.monotonic_ns()
             elapsed = grant.number - number if 0 < number < grant.number else 1
@@ -192,7 +198,8 @@ def run_granted(
             ticks += 1
         link.send(*last_command(ecu, calibration, command, firmware))
         grants.end(1)
-    return EcuOutcome(reason, ticks, 0, ecu.state.mode)
+    lost = f"the plant was lost after tick {number}" if reason == PEER_LOST and ticks else ""
+    return EcuOutcome(reason, ticks, 0, ecu.state.mode, grants.not_valid or lost)
 
 
 def last_command(

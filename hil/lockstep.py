@@ -49,15 +49,18 @@ class Note:
         count: frames sent with it: since the last grant, or in the tick.
         number: number of the tick, from 1; 0 queries whether an ECU is present.
         tick_us: period of the ECU in an acknowledgement, µs; 0 in a grant.
+        joined: 1 in acknowledgements of an ECU that joined a run under way, or whose plant was
+            replaced in one.
     """
 
     count: int
     number: int
     tick_us: int = 0
+    joined: int = 0
 
     def payload(self) -> bytes:
         """Return it as eight bytes."""
-        return struct.pack(">BIHB", self.count, self.number, self.tick_us, 0)
+        return struct.pack(">BIHB", self.count, self.number, self.tick_us, self.joined)
 
     @classmethod
     def of(cls, payload: bytes) -> "Note":
@@ -68,7 +71,7 @@ class Note:
         """
         if len(payload) != 8:
             raise VerdictError(f"lock step: a grant has 8 bytes, got {len(payload)}")
-        return cls(*struct.unpack(">BIHB", payload)[:3])
+        return cls(*struct.unpack(">BIHB", payload))
 
 
 class GrantChannel:
@@ -156,6 +159,7 @@ class GrantedEcu:
     Attributes:
         tick_us: period of the ECU that answered, µs.
         gone: whether it has announced its end.
+        joined: first tick that an ECU answered which has not run this run from its start, or None.
 
     Args:
         link: the bus.
@@ -180,6 +184,7 @@ class GrantedEcu:
         self._peer_timeout = peer_timeout
         self._sent = self._number = self.tick_us = 0
         self.gone = False
+        self.joined: int | None = None
 
     def greet(self, timeout: float | None) -> bool:
         """Wait until an ECU answers, and set ``tick_us`` to its period.
@@ -242,6 +247,8 @@ class GrantedEcu:
         while not self._stop.requested:
             note = self._channel.wait(SLICE, self._heard.take)
             if note is not None and note.number == question.number:
+                if note.joined and self.joined is None:
+                    self.joined = note.number
                 return note
             if note is not None and note.number == END:
                 if timeout is not None and question.number:
@@ -267,6 +274,10 @@ class Grant:
 class Grants:
     """The ECU's side: waits for grants and acknowledges them.
 
+    Attributes:
+        ended: whether the plant has announced its end.
+        not_valid: why ECU and plant have not run one run together from its start; "": they have.
+
     Args:
         link: the bus.
         channel: channel of the grants.
@@ -290,6 +301,8 @@ class Grants:
         self._heard = _Heard(link, idents, foreign)
         self._number: int | None = None
         self._sent = 0
+        self.ended = False
+        self.not_valid = ""
 
     def wait(self, timeout: float | None) -> Grant | None:
         """Return the next grant, or None if the plant has gone or on a stop request.
@@ -307,13 +320,12 @@ class Grants:
                 if timeout is not None and time.monotonic() - began > timeout:
                     return None
             elif note.number == END:
-                if timeout is not None and self._number is not None:
+                self.ended = self._number is not None
+                if timeout is not None and self.ended:
                     return None
             elif note.number == 0:
                 if self._number != 0:
-                    # a run begins: what was heard before is none of it
-                    self._heard.frames.clear()
-                    self._number, self._sent = 0, 0
+                    self._begin()
                 self._acknowledge()
             elif note.number == self._number:
                 # asked again: the answer was lost
@@ -323,6 +335,13 @@ class Grants:
                 self._number = note.number
                 return Grant(note.number, frames)
         return None
+
+    def _begin(self) -> None:
+        """Begin a run: what was heard before is none of it."""
+        if self._number is not None and not self.ended:
+            self.not_valid = f"the plant was lost after tick {self._number}, another one joined"
+        self._heard.frames.clear()
+        self._number, self._sent, self.ended = 0, 0, False
 
     def end(self, sent: int) -> None:
         """Announce the ECU's end to the plant, with the number of its last frames."""
@@ -335,11 +354,13 @@ class Grants:
 
     def _frames(self, note: Note) -> list[Frame]:
         if self._number is None:
-            # joined in the middle: what was sent before the bus was open is not for us
+            # what was sent before the bus was open is not for us
+            self.not_valid = f"joined in tick {note.number} of a run"
             frames, self._heard.frames = self._heard.frames, []
             return frames
         return self._heard.all(note.count, f"of the plant before tick {note.number}", self._stop)
 
     def _acknowledge(self) -> None:
         assert self._number is not None
-        self._channel.send(Note(self._sent, self._number, self._tick_us))
+        joined = int(bool(self.not_valid))
+        self._channel.send(Note(self._sent, self._number, self._tick_us, joined))

@@ -37,6 +37,7 @@ class PlantOutcome:
     none in lock step, which has no clock and where plant time 0 is the instant 0. ``wall_ns``:
     duration of the loop by the clock. ``refused``: frames with an identifier of the ECU that were
     not put on the modelled bus: longer than the ECU's, or more in one period than a node can queue.
+    ``not_valid``: why a run in lock step is not one run with one ECU; "": it is.
     """
 
     reason: str
@@ -45,6 +46,7 @@ class PlantOutcome:
     loop: NDArray[np.int64]
     wall_ns: int
     refused: int = 0
+    not_valid: str = ""
 
 
 def sent_by(firmware: BusFirmware) -> frozenset[int]:
@@ -154,6 +156,7 @@ def run_granting(
         VerdictError: frames were lost, or another node sends the ECU's frames.
     """
     reason, began = FINISHED, time.monotonic_ns()
+    lost = ""
     try:
         for _ in ticks(
             world, ecu, tick_ns=1000 * ecu.tick_us, end_ns=duration_ns, offset_ns=offset_ns
@@ -162,12 +165,26 @@ def run_granting(
                 reason = STOPPED
                 break
             if ecu.gone:
+                lost = f"the ECU ended at {world.now_ns * 1e-9:.2f} s"
                 # what it sent last still reaches the actuators
                 world.advance(world.now_ns + LAST_NS)
                 reason = PEER_LOST
                 break
     except PeerLostError:
-        reason = PEER_LOST
+        reason, lost = PEER_LOST, f"the ECU was lost at {world.now_ns * 1e-9:.2f} s"
     ecu.end()
     none = np.zeros((0, 2), dtype=np.int64)
-    return PlantOutcome(reason, 0, world.now_ns, none, time.monotonic_ns() - began)
+    wall_ns = time.monotonic_ns() - began
+    return PlantOutcome(
+        reason, 0, world.now_ns, none, wall_ns, not_valid=_joined(ecu, offset_ns) or lost
+    )
+
+
+def _joined(ecu: GrantedEcu, offset_ns: int) -> str:
+    """Return whether, and when, an ECU answered that has not run this run from its start."""
+    if ecu.joined is None:
+        return ""
+    if ecu.joined == 0:
+        return "the ECU has run with another plant"
+    at = 1e-9 * offset_ns + 1e-6 * ecu.joined * ecu.tick_us
+    return f"the ECU was lost, another one joined at {at:.2f} s"

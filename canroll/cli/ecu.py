@@ -85,7 +85,11 @@ def nanoseconds(seconds: float | None, option: str) -> int | None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run until stopped, or replay a trace or a recorded drive; 0 unless a trace differs."""
+    """Run until stopped, or replay a trace or a recorded drive; 0 unless a trace differs.
+
+    Raises:
+        VerdictError: a run in lock step is not one run with one plant; its trace is written.
+    """
     backend = args.backend or default_backend()
     profile = profile_of(choices_of(args, OF_AN_ECU))
     check_memory(args, profile)
@@ -158,6 +162,7 @@ def run(args: argparse.Namespace) -> int:
         if args.trace is not None:
             about = {
                 "reason": outcome.reason,
+                "not_valid": outcome.not_valid,
                 "backend": backend,
                 "notes": notes,
                 "cpu": args.cpu,
@@ -187,6 +192,8 @@ def run(args: argparse.Namespace) -> int:
         f"{outcome.misses} missed",
         flush=True,
     )
+    if outcome.not_valid:
+        raise VerdictError(f"not valid: {outcome.not_valid}")
     return 0
 
 

@@ -6,7 +6,7 @@ import vehicles
 from canroll.cli.ecu import check_memory, nanoseconds, peer_timeout
 from canroll.cli.options import choices_of
 from canroll.cli.parser import refuse
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, VerdictError
 from canroll.exchange import signal_files
 from canroll.report.staging import check_parent
 from canroll.runs import conditions, logs, phase
@@ -29,7 +29,11 @@ ECU = "RollControl"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate until the manoeuvre is over, the ECU is lost or a signal arrives."""
+    """Simulate until the manoeuvre is over, the ECU is lost or a signal arrives.
+
+    Raises:
+        VerdictError: a run in lock step is not one run with one ECU; its files are written.
+    """
     for path, check in ((args.log, logs.check_suffix), (args.signals, signal_files.check_suffix)):
         if path is not None:
             check_parent(check(path))
@@ -78,6 +82,7 @@ def run(args: argparse.Namespace) -> int:
         if args.record is not None:
             about = {
                 "reason": outcome.reason,
+                "not_valid": outcome.not_valid,
                 "start_ns": outcome.start_ns,
                 "end_ns": outcome.end_ns,
                 "wall_ns": outcome.wall_ns,
@@ -98,6 +103,8 @@ def run(args: argparse.Namespace) -> int:
             logs.write_log(args.log, world.frames)
         if args.signals is not None:
             signal_files.write_signals(args.signals, world.signals)
+    if outcome.not_valid:
+        raise VerdictError(f"not valid: {outcome.not_valid}")
     return 0
 
 

@@ -122,9 +122,9 @@ def drive(planned, plant, channel=None, *, stop=None, timeout=20.0):
     return world, plant_loop.run_granting(world, ecu, stop=stop, duration_ns=SECONDS)
 
 
-@given(st.integers(0, 255), st.integers(0, END), st.integers(0, 65535))
-def test_a_note_reads_as_it_was_written(count, number, tick_us):
-    note = Note(count, number, tick_us)
+@given(st.integers(0, 255), st.integers(0, END), st.integers(0, 65535), st.integers(0, 1))
+def test_a_note_reads_as_it_was_written(count, number, tick_us, joined):
+    note = Note(count, number, tick_us, joined)
     assert len(note.payload()) == 8
     assert Note.of(note.payload()) == note
 
@@ -141,7 +141,8 @@ def test_the_same_bytes_as_in_virtual_time(bus, planned, virtual):
     for name, values in world.signals.items():
         assert values.tobytes() == virtual.signals[name].tobytes(), name
     # the plant has said that it ends, so the ECU did not wait
-    assert (ecu.outcome.reason, ecu.outcome.ticks) == (ecu_loop.PEER_LOST, 150)
+    assert (ecu.outcome.reason, ecu.outcome.ticks) == (ecu_loop.PLANT_ENDED, 150)
+    assert outcome.not_valid == ecu.outcome.not_valid == ""
     trace = tick_trace.TickTrace(planned[1].record, ecu.recorder.ticks(), ecu.recorder.frames(), {})
     assert trace.ticks["number"].tolist() == list(range(1, 151))
     assert set(trace.ticks["elapsed"]) == {1}
@@ -257,6 +258,39 @@ def test_an_ecu_may_join_late_and_take_over(bus, planned, monkeypatch):
     assert world.now_ns == SECONDS
     assert second.recorder.ticks()["number"][0] == 40
     assert second.outcome.ticks == 150 - 39
+    assert outcome.not_valid == "the ECU was lost, another one joined at 0.40 s"
+    assert second.outcome.not_valid == "joined in tick 40 of a run"
+
+
+def test_a_plant_that_is_replaced_leaves_no_valid_run(bus, planned, monkeypatch):
+    monkeypatch.setattr(lockstep, "SLICE", 0.01)
+    plant, link = bus
+    ecu = Ecu(planned[1].record, link)
+    ecu.start()
+    channel = GrantChannel(plant, sends=GRANT, hears=ACKNOWLEDGEMENT)
+    killed = GrantedEcu(plant, channel, idents=TX_IDS, stop=Stop(), peer_timeout=20.0)
+    assert killed.greet(20.0)
+    for _ in range(7):
+        killed.tick()
+    _, outcome = drive(planned, plant)
+    ecu.join(20)
+    assert outcome.reason == plant_loop.FINISHED
+    assert outcome.not_valid == "the ECU has run with another plant"
+    assert ecu.outcome.not_valid == "the plant was lost after tick 7, another one joined"
+
+
+def test_a_plant_that_says_nothing_is_lost(bus, planned, monkeypatch):
+    monkeypatch.setattr(lockstep, "SLICE", 0.01)
+    plant, link = bus
+    ecu = Ecu(planned[1].record, link, timeout=0.2)
+    ecu.start()
+    channel = GrantChannel(plant, sends=GRANT, hears=ACKNOWLEDGEMENT)
+    killed = GrantedEcu(plant, channel, idents=TX_IDS, stop=Stop(), peer_timeout=20.0)
+    assert killed.greet(20.0)
+    killed.tick()
+    ecu.join(20)
+    assert ecu.outcome.reason == ecu_loop.PEER_LOST
+    assert ecu.outcome.not_valid == "the plant was lost after tick 1"
 
 
 def test_an_ecu_that_ends_ends_the_run_after_its_last_command(bus, planned):
@@ -272,7 +306,7 @@ def test_an_ecu_that_ends_ends_the_run_after_its_last_command(bus, planned):
     ecu.start()
     world, outcome = drive(planned, plant)
     ecu.join(20)
-    assert outcome.reason == plant_loop.PEER_LOST
+    assert (outcome.reason, outcome.not_valid) == (plant_loop.PEER_LOST, "the ECU ended at 1.01 s")
     assert ecu.outcome.reason == ecu_loop.STOPPED
     commands = world.frames[world.frames["ident"] == 0x80]
     last = dbc.load().decode_message(0x80, commands["payload"][-1][:8].tobytes())
@@ -296,7 +330,7 @@ def test_an_ecu_that_says_nothing_is_lost(bus, planned, monkeypatch):
     assert ecu.greet(5.0)
     world = build_world(planned[0], enabled=True)
     outcome = plant_loop.run_granting(world, ecu, stop=Stop(), duration_ns=SECONDS)
-    assert outcome.reason == plant_loop.PEER_LOST
+    assert (outcome.reason, outcome.not_valid) == (plant_loop.PEER_LOST, "the ECU was lost at 0.01 s")
     assert world.now_ns == 10_000_000
 
 

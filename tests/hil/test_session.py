@@ -236,7 +236,7 @@ def test_a_side_that_stood_still_leaves_no_verdict_in_real_time(programs, tmp_pa
 
 @pytest.mark.slow
 def test_either_side_rejoins_after_a_restart(programs, calibration_file, tmp_path):
-    """In lock step time stands still while an ECU is away, whoever comes back."""
+    """In lock step time stands still while an ECU is away; it is no valid run with one ECU."""
     stay = ("--peer-timeout", 0, "--pace", "lockstep")
     record = tmp_path / "plant.npz"
     vehicle, bus = plant(programs, *stay, "--record", record)
@@ -245,10 +245,12 @@ def test_either_side_rejoins_after_a_restart(programs, calibration_file, tmp_pat
     assert first.end() == 0
     assert "(duration over)" in first.said
     second = programs("ecu", "ecu", *options, "--trace", tmp_path / "ticks.npz")
-    assert vehicle.end() == 0
+    assert vehicle.end() == 1
     assert "(finished)" in vehicle.said
+    assert "canroll: not valid: the ECU was lost, another one joined at 0.51 s" in vehicle.said
     second.process.send_signal(signal.SIGTERM)
-    assert second.end() == 0
+    assert second.end() == 1
+    assert "canroll: not valid: joined in tick 51 of a run" in second.said
     trace = tick_trace.load(tmp_path / "ticks.npz")
     assert trace.ticks["number"][0] == 51
     assert trace.ticks["number"][-1] == 697
@@ -267,8 +269,9 @@ def test_stopped_ecu_commands_zero_and_leaves_its_files(programs, calibration_fi
     ecu = programs("ecu", "ecu", *bus, *options, "--trace", trace, "--duration", 2.5)
     assert ecu.end() == 0
     assert "ECU ends (duration over) in ACTIVE: 250 ticks" in ecu.said
-    assert vehicle.end() == 0
+    assert vehicle.end() == 1
     assert "(peer lost) after 2.61 s" in vehicle.said
+    assert "canroll: not valid: the ECU ended at 2.51 s" in vehicle.said
     frames = plant_record.load(record).frames
     commands = frames[(frames["ident"] == 0x80) & (frames["outcome"] == DELIVERED)]
     last = dbc.load().decode_message(0x80, commands["payload"][-1][:8].tobytes())
