@@ -91,6 +91,8 @@ INTERFACES = {
         shared=True,
     ),
 }  # fmt: skip
+SHARED_BUS = "simbus_shared"
+"""The interface of 'canroll bus --share', a bus in virtual time."""
 CLASSIFIED = ("socketcan", "gs_usb")
 """Interfaces whose error frames carry the classes of linux/can/error.h."""
 
@@ -124,9 +126,15 @@ def clock_of(name: str, bus_kwargs: Mapping[str, Any]) -> tuple[str, bool]:
 
 
 def arguments_for(
-    name: str, channel: str | None, bitrate: int | None, bus_kwargs: Mapping[str, Any]
+    name: str,
+    channel: str | None,
+    bitrate: int | None,
+    bus_kwargs: Mapping[str, Any],
+    program: str = "node",
 ) -> dict[str, Any]:
     """Return python-can's arguments, besides the options, with which a loop can use the bus.
+
+    ``program`` is its name on a bus whose programs have names.
 
     Raises:
         CanrollError: a bit rate that the interface would silently replace.
@@ -137,6 +145,8 @@ def arguments_for(
         raise CanrollError(f"-b {bitrate}: {name} supports {rates}")
     if name == "socketcand":
         return {"tcp_tune": True}
+    if name == SHARED_BUS and "node" not in bus_kwargs:
+        return {"node": program}
     if name == "gs_usb" and not {"index", "bus", "address"} & set(bus_kwargs):
         # the command line's channel is a text, which python-can takes for no number
         if not (channel or "").isdigit():

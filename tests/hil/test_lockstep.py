@@ -330,7 +330,10 @@ def test_an_ecu_that_says_nothing_is_lost(bus, planned, monkeypatch):
     assert ecu.greet(5.0)
     world = build_world(planned[0], enabled=True)
     outcome = plant_loop.run_granting(world, ecu, stop=Stop(), duration_ns=SECONDS)
-    assert (outcome.reason, outcome.not_valid) == (plant_loop.PEER_LOST, "the ECU was lost at 0.01 s")
+    assert (outcome.reason, outcome.not_valid) == (
+        plant_loop.PEER_LOST,
+        "the ECU was lost at 0.01 s",
+    )
     assert world.now_ns == 10_000_000
 
 
