@@ -15,13 +15,15 @@ from numpy.typing import NDArray
 from canroll.errors import CanrollError
 from canroll.reaction.fault_codes import MODES
 from canroll.reaction.reaction import CodeSeen, ModeChange, codes_seen, mode_changes
+from canroll.reaction.reception import Receiver, Reception
 from canroll.runs.metrics import peak, rms
 from canroll.runs.virtual_time import TickRows
 from canroll.typing import Progress, Vector
 from codegen.generated.mailbox import EXTENDED
-from codegen.run.backends import open_backend
+from codegen.run.backends import Backend, open_backend
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.memory_image import dtype
+from codegen.run.secured import SecuredEcu
 from dbc.keys import DEVELOPMENT_KEY
 from firmware.calibration import Calibration
 from firmware.event_trigger import command_slot
@@ -34,25 +36,8 @@ NOTE = (
     "The recorded car did not get these commands: they have no effect on the drive, and whether "
     "they would have helped cannot be told from it."
 )
-TOLD = 1000
+REPORTED = 1000
 """Ticks between two reports of progress."""
-
-
-@dataclass(frozen=True, slots=True)
-class Reception:
-    """Frames of one message of the ECU in the log.
-
-    Attributes:
-        message: its name in the DBC.
-        frames: number of them.
-        cycle_ms: cycle time by DBC or map, 0 if neither states one.
-        longest_gap_ms: longest time between two, or None with fewer than two.
-    """
-
-    message: str
-    frames: int
-    cycle_ms: int
-    longest_gap_ms: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +87,7 @@ class RecordedDrive:
             *self.remarks,
             *((f"error frames in the log: {self.errors}",) if self.errors else ()),
             *((f"no frame of {silent} in the log",) if silent else ()),
+            *(heard.remark for heard in self.receptions if heard.remark),
         )
 
     @property
@@ -158,31 +144,37 @@ def replay(
     Raises:
         CanrollError: the log has no frame of the ECU, or is shorter than a tick.
     """
-    keys, receptions = _receptions(logged, firmware)
+    keys = _identifiers(logged, firmware)
     tick_ns = 1000 * calibration.tick_us
     count = int(logged.received_ns[-1]) // tick_ns
     if count < 1:
         raise CanrollError(f"the log is shorter than one tick of {tick_ns / 1e6:g} ms")
     ecu = open_backend(backend, calibration, firmware, key=key)
     ident = firmware.sent[command_slot(calibration)][0]
-    rows, sent = TickRows(firmware.record), []
+    rows, sent, receiver = TickRows(firmware.record), [], Receiver(firmware, calibration)
     place = 0
     for number in range(1, count + 1):
         t = number * tick_ns
         while place < len(keys) and logged.received_ns[place] <= t:
             if keys[place] in firmware.slots:
-                length = int(logged.length[place])
-                ecu.receive(int(keys[place]), logged.payload[place, :length], length)
+                heard, length = int(keys[place]), int(logged.length[place])
+                payload, refused = logged.payload[place, :length], _refused(ecu)
+                ecu.receive(heard, payload, length)
+                receiver.received(heard, payload.tobytes(), authentic=_refused(ecu) == refused)
             place += 1
         sent += [(t * 1e-9, payload) for name, payload in ecu.tick(1) if name == ident]
-        rows.add(t * 1e-9, ecu.image())
-        if progress is not None and number % TOLD == 0:
+        image = ecu.image()
+        receiver.ticked(image)
+        rows.add(t * 1e-9, image)
+        if progress is not None and number % REPORTED == 0:
             progress("recorded drive", number / count)
     ticks = rows.rows()
     return RecordedDrive(
         frames=len(keys),
         ticks=ticks,
-        receptions=receptions,
+        receptions=receiver.receptions(
+            {key: logged.received_ns[keys == key] for key in firmware.slots}
+        ),
         commanded=_commanded(sent, command),
         units={signal.name: signal.unit or "" for signal in command.signals},
         modes=mode_changes(ticks),
@@ -193,30 +185,27 @@ def replay(
     )
 
 
+def _refused(ecu: Backend) -> int:
+    return ecu.refused if isinstance(ecu, SecuredEcu) else 0
+
+
 def _identified(image: bytes, firmware: BusFirmware) -> tuple[float, float]:
     """Return the two ratios of the ECU's recursive least squares from its state record."""
     theta = np.frombuffer(image, dtype(firmware.record))["theta"][0]
     return float(theta[0]) / RATIO_ONE, float(theta[1]) / RATIO_ONE
 
 
-def _receptions(
-    logged: Logged, firmware: BusFirmware
-) -> tuple[NDArray[np.int64], tuple[Reception, ...]]:
-    """Return each frame's identifier as the firmware's, −1 for remote frames; the receptions."""
+def _identifiers(logged: Logged, firmware: BusFirmware) -> NDArray[np.int64]:
+    """Return each frame's identifier as the firmware's, −1 for remote frames."""
     keys = np.where(logged.flags & wire.EXTENDED, logged.ident | EXTENDED, logged.ident)
     keys = np.where(logged.flags & wire.REMOTE, -1, keys)
-    receptions = []
-    for box in dict((box.ident, box) for box in firmware.bus.received if box.name).values():
-        times = logged.received_ns[keys == box.ident]
-        gap = 1e-6 * float(np.diff(times).max()) if len(times) > 1 else None
-        receptions.append(Reception(box.name, len(times), box.cycle_ms, gap))
-    if not any(heard.frames for heard in receptions):
-        names = ", ".join(heard.message for heard in receptions)
+    if not np.isin(keys, list(firmware.slots)).any():
+        names = ", ".join(firmware.bus.received[slots[0]].name for slots in firmware.slots.values())
         raise CanrollError(
             f"the log has none of the frames that the ECU receives ({names}): "
             "--dbc and --map describe another bus"
         )
-    return keys, tuple(receptions)
+    return keys
 
 
 def _commanded(sent: list[tuple[float, bytes]], command: Message) -> dict[str, Vector]:

@@ -37,15 +37,20 @@ def reception_table(drive: RecordedDrive) -> PageTable:
         (
             heard.message,
             number(heard.frames, 0, f"receptions.{i}.frames"),
+            number(heard.accepted, 0, f"receptions.{i}.accepted"),
+            ", ".join(f"{word} {count}" for word, count in heard.failures.items()),
             f"{heard.cycle_ms} ms" if heard.cycle_ms else "",
             "" if heard.longest_gap_ms is None else f"{heard.longest_gap_ms:.1f} ms",
+            number(heard.late, 0, f"receptions.{i}.late"),
         )
         for i, heard in enumerate(drive.receptions)
     ]
-    note = f"{drive.frames} frames in the log, those of other messages included"
-    return PageTable(
-        "Received", ("message", "frames", "cycle time", "longest gap"), rows, note=note
+    note = (
+        f"{drive.frames} frames in the log, those of other messages included. Neither accepted nor "
+        "refused: replaced by a newer one before the tick, or in sequence as the receiver starts."
     )
+    columns = ("message", "frames", "accepted", "refused by", "cycle time", "longest gap", "late")
+    return PageTable("Received", columns, rows, note=note)
 
 
 def _events(drive: RecordedDrive) -> list[PageTable]:

@@ -117,6 +117,15 @@ class Protection:
         if self.checksum is not None:
             self.checksum.place.write(payload, self.value(payload, count))
 
+    def holds(self, payload: bytes) -> bool:
+        """Whether all of the protection in a frame but its counter is right."""
+        checksum = self.checksum
+        wanted = [(field.place, field.of(self.identity)) for field in self.carried]
+        if checksum is not None:
+            count = self.counter.read(payload) if self.counter else 0
+            wanted.append((checksum.place, self.value(payload, count)))
+        return all(place.read(payload) == value & (1 << place.width) - 1 for place, value in wanted)
+
     def value(self, payload: bytes | bytearray, count: int) -> int:
         """The checksum of a frame that has its counter."""
         assert self.checksum is not None

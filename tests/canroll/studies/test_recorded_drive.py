@@ -88,6 +88,63 @@ def test_a_sensor_silent_in_the_recording_is_reported(recorded, tmp_path, capsys
     assert found["receptions"][0]["frames"] < 0.6 * found["receptions"][1]["frames"]
 
 
+def test_what_is_wrong_with_a_frame_is_named(recorded, tmp_path, capsys):
+    """The n-th Imu frame is damaged as its place says; the others are as recorded."""
+    _, log, line, imu = recorded
+    damaged = tmp_path / "damaged.log"
+    damage = {
+        50: lambda data: data[:-1],
+        51: lambda data: bytes([data[0] ^ 0x40]) + data[1:],
+        52: lambda data: data[:3] + bytes([data[3] ^ 1]) + data[4:],
+        # the counter stands still
+        90: lambda data: None,
+    }
+    count, before = 0, b""
+    with can.LogReader(log) as reader, damaged.open("w", encoding="utf-8") as file:
+        for m in reader:
+            data = bytes(m.data)
+            if m.arbitration_id | (EXTENDED if m.is_extended_id else 0) == imu:
+                count += 1
+                original, data = data, damage.get(count, lambda data: data)(data) or before
+                before = original
+                if 200 <= count < 240:
+                    continue
+            ident = f"{m.arbitration_id:0{8 if m.is_extended_id else 3}X}"
+            file.write(f"({m.timestamp:.6f}) can0 {ident}#{data.hex()}\n")
+    found = replayed(line, damaged, tmp_path, capsys)
+    heard = found["receptions"][0]
+    assert (heard["length"], heard["late"], heard["not_authentic"]) == (1, 1, 0)
+    if heard["profile"]:
+        assert (heard["checksum"], heard["counter"]) == (2, 1)
+    accounted = ("accepted", "replaced", "synchronising", "length", "checksum", "counter")
+    assert sum(heard[key] for key in accounted) == pytest.approx(heard["frames"], abs=1)
+    assert heard["accepted"] > heard["frames"] - 15
+    for other in found["receptions"][1:]:
+        assert not any(other[key] for key in ("length", "checksum", "counter"))
+    page = (tmp_path / "drive.html").read_text(encoding="utf-8")
+    assert f"{heard['message']}: 1 by length" in page
+
+
+def test_a_wrong_data_id_is_named(recorded, tmp_path, capsys):
+    """Every frame fails: an end-to-end setting that is not the sender's."""
+    _, log, line, imu = recorded
+    damaged = tmp_path / "damaged.log"
+    with can.LogReader(log) as reader, damaged.open("w", encoding="utf-8") as file:
+        for m in reader:
+            data = bytes(m.data)
+            if m.arbitration_id | (EXTENDED if m.is_extended_id else 0) == imu:
+                data = bytes([data[0] ^ 0x40]) + data[1:]
+            ident = f"{m.arbitration_id:0{8 if m.is_extended_id else 3}X}"
+            file.write(f"({m.timestamp:.6f}) can0 {ident}#{data.hex()}\n")
+    found = replayed(line, damaged, tmp_path, capsys)
+    heard = found["receptions"][0]
+    if not heard["profile"]:
+        return
+    assert heard["checksum"] == heard["frames"]
+    page = (tmp_path / "drive.html").read_text(encoding="utf-8")
+    assert f"are data_id and profile {heard['profile']} those of the sender?" in page
+
+
 def test_another_bus_and_options_of_a_bus_are_refused(recorded, tmp_path):
     _, log, line, _ = recorded
     other = tmp_path / "other.asc"
