@@ -18,6 +18,7 @@ from canroll.cli.options import (
 )
 from canroll.cli.parser import Parser, Relations
 from canroll.setup.choices import CHOICES
+from codegen.export.prefix import DEFAULT
 from codegen.run import BACKENDS, SERVICES
 
 DEFAULT_DELAY_MS = 20.0
@@ -262,7 +263,7 @@ def export_c(parser: Parser) -> None:
     parser.add_argument(
         "--elf",
         type=Path,
-        help="only write the addresses of this image to DIR/canroll.a2l; with --calibration also "
+        help="only write the addresses of this image to the A2L in DIR; with --calibration also "
         "write the calibration at its address, as Intel HEX and S-record",
     )
     parser.add_argument(
@@ -281,6 +282,14 @@ def export_c(parser: Parser) -> None:
         "--specialise",
         action="store_true",
         help="code for this calibration alone: smaller, faster, nothing to tune",
+    )
+    parser.add_argument(
+        "--prefix",
+        metavar="NAME",
+        default=DEFAULT,
+        excludes={"elf": "the bundle has its own"},
+        help="of all public symbols, macros and files, for several bundles in one image "
+        "(default: %(default)s)",
     )
     add_services(parser)
     parser.add_argument(

@@ -18,7 +18,7 @@ from canroll.runs.result import Settings
 from canroll.runs.traffic import record_traffic
 from canroll.setup.bus_frames import refuse_wide_steps
 from canroll.setup.controller import PreparedController
-from codegen.export import a2l, bundle
+from codegen.export import a2l, bundle, prefix
 from codegen.export.header import gains_header
 from codegen.generated import signals
 from codegen.generated.bus_map import load as load_map
@@ -38,6 +38,7 @@ def run(args: argparse.Namespace) -> int:
     """Write the bundle, or only its A2L if an image is given."""
     if args.address is not None:
         memory_image.check_address(args.address)
+    prefix.checked(args.prefix)
     if args.elf is not None:
         return address(args.folder, args.elf, args.calibration)
     with writing_to(args.folder):
@@ -127,6 +128,7 @@ def described(
         services=services_of(args),
         byte_order=args.byte_order or "little",
         measured=True,
+        prefix=args.prefix,
     )
 
 
@@ -151,11 +153,7 @@ def address(folder: Path, elf: Path, calibration: str | None) -> int:
     """Rewrite the A2L with an image's addresses; write the calibration's hex files."""
     if not elf.is_file():
         raise CanrollError(f"{elf}: no such image: build it or omit --elf")
-    path = folder / "canroll.a2l"
-    if not path.is_file():
-        raise CanrollError(
-            f"{path}: not found: write the bundle first with canroll export-c {folder}"
-        )
+    path = bundle.description(folder)
     if calibration is not None and bundle.is_specialised(folder):
         raise CanrollError(
             f"{folder}: is specialised for one calibration: omit --calibration, or export again"
@@ -176,5 +174,5 @@ def address(folder: Path, elf: Path, calibration: str | None) -> int:
                 folder, record, base["calibration"], image.byte_order
             ):
                 print(written)
-    print(f"{folder / 'canroll.a2l'}: {', '.join(f'{n} at {a:#x}' for n, a in base.items())}")
+    print(f"{path}: {', '.join(f'{n} at {a:#x}' for n, a in base.items())}")
     return 0

@@ -17,6 +17,7 @@ from codegen.export import (
     cantools_codec,
     codec_comparison,
     coverage_cases,
+    prefix,
     readme,
     traceability,
 )
@@ -126,7 +127,12 @@ def sources(files: Files, map_file: Path) -> dict[str, str]:
 
 
 def write(folder: Path, export: Export) -> list[Path]:
-    """Write the bundle to ``folder``, created if missing; return the files written."""
+    """Write the bundle to ``folder``, created if missing; return the files written.
+
+    Raises:
+        CanrollError: an invalid prefix, or a folder with files of another kind of export.
+    """
+    prefix.checked(export.prefix)
     refuse_namesakes(export.dbc)
     general = with_stage(of_bus(export.dbc, export.map_file), export.stage)
     loop = specialised(general, export.record) if export.specialised else general
@@ -136,6 +142,7 @@ def write(folder: Path, export: Export) -> list[Path]:
         files = part(export, code)
         assert not texts.keys() & files.keys()
         texts |= files
+    texts = prefix.renamed(texts, export.prefix)
     _refuse_mixture(folder, texts)
     written = []
     for name, text in sorted(texts.items()):
@@ -272,12 +279,28 @@ def _copy(path: Path, folder: Path) -> Path:
 
 def is_specialised(folder: Path) -> bool:
     """Whether the bundle in ``folder`` is for one calibration alone."""
-    return (folder / "src" / f"{TIE}.c").is_file()
+    return any(folder.glob(f"src/*{TIE.removeprefix(prefix.DEFAULT)}.c"))
+
+
+def description(folder: Path) -> Path:
+    """Return the A2L of the bundle in ``folder``, whatever its prefix.
+
+    Raises:
+        CanrollError: there is none.
+    """
+    files = sorted(folder.glob("*.a2l"))
+    if not files:
+        raise CanrollError(
+            f"{folder}: has no .a2l: write the bundle first with canroll export-c {folder}"
+        )
+    return files[0]
 
 
 def _refuse_mixture(folder: Path, texts: Mapping[str, str]) -> None:
     """Raise where sources of another kind of export would be compiled too."""
-    for path in sorted(folder.glob("src/canroll*.c")):
+    others = {path.name.removesuffix("_ecu.c") for path in folder.glob("src/*_ecu.c")}
+    paths = (path for other in others for path in folder.glob(f"src/{other}*.c"))
+    for path in sorted(paths):
         if f"src/{path.name}" not in texts:
             raise CanrollError(
                 f"{path}: of an export with other files: remove it or choose another folder"

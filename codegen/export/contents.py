@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from codegen.export.prefix import DEFAULT
 from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.ecu_traffic import EcuTraffic
@@ -27,6 +28,7 @@ class Export:
         services: modules beside the loop that are part of it.
         byte_order: that of the target's memory, for the A2L: "little" or "big".
         measured: whether the README has figures, for which the code is compiled and analysed.
+        prefix: of its public symbols, macros and files.
     """
 
     record: Calibration
@@ -41,6 +43,7 @@ class Export:
     services: tuple[str, ...] = ()
     byte_order: str = "little"
     measured: bool = False
+    prefix: str = DEFAULT
 
 
 @dataclass(frozen=True, slots=True)
