@@ -3,6 +3,7 @@
 import importlib.util
 import shutil
 import subprocess
+import sys
 import textwrap
 from collections.abc import Mapping
 
@@ -18,12 +19,16 @@ UNKNOWN = """\
 Not computed when this bundle was written: {missing}.
 `canroll export-c` puts code size, stack and a proved bound of the cycles here; `canroll timing`
 measures them, and `canroll timing --bound` has the bound for other processors and memories."""
+SIZES = """\
+For a Cortex-M4 by {compiler} with -O2. Stack and cycles were not computed when this bundle was
+written: {missing}. `canroll timing --bound` has them, for other processors and memories too."""
 KNOWN = """\
 For a Cortex-M4 by {compiler} with the flags of `Makefile`; the cycles from flash without wait
 states and without interrupts, for any state and any frames. `canroll timing --bound` has other
 processors and memories, and compares the bound with the maximum seen."""
 SECURED = "A tick verifies at most one of each frame received, and protects those sent."
 SERVED = "Code and records are with the services, stack and cycles those of the loop alone."
+TICK, RECEIVE = "cycles of `canroll_tick`, bound", "cycles of `canroll_receive`, bound"
 RECORDS = {"xcp": "services.xcp_state.Xcp", "uds": "services.uds_state.Uds"}
 RECORDS |= {"nvm": "services.nvm_state.Nvm", "secoc": "security.secoc_state.Secoc"}
 """The records of the modules beside the loop."""
@@ -47,21 +52,27 @@ def table(record: Calibration, loop: BusFirmware, served: BusFirmware) -> str:
         served: the same with its services, for their records.
     """
     lacking = missing()
-    if lacking:
+    if lacking and not cortex.has_pip_tools():
         return UNKNOWN.format(missing=lacking)
-    size = footprint(cortex.gcc_image(PROCESSOR, served.files, served.services), loop.record)
+    if lacking:
+        image = cortex.zig_image(PROCESSOR, served)
+        compiler, known = _version(sys.executable, "-m", "ziglang", "cc"), SIZES
+    else:
+        image = cortex.gcc_image(PROCESSOR, served.files, served.services)
+        compiler, known = _version(GCC), KNOWN
+    size = footprint(image, loop.record)
     rows: dict[str, object] = {
         "code, bytes of flash": size.text,
         "constant tables, bytes of flash": size.tables,
         "`calibration`, bytes of flash": size.calibration,
         "`ecu`, bytes of RAM": size.state,
         **_records(served),
-        **_bound(record, loop),
+        **({} if lacking else _bound(record, loop)),
     }
     sentences = [
-        KNOWN.format(compiler=_compiler()),
-        SECURED if loop.bus.secured else "",
-        SERVED if len(served.services) > len(loop.services) else "",
+        known.format(compiler=compiler, missing=lacking),
+        SECURED if loop.bus.secured and not lacking else "",
+        SERVED if len(served.services) > len(loop.services) and not lacking else "",
     ]
     lines = ["| | |", "| --- | --- |", *(f"| {name} | {value} |" for name, value in rows.items())]
     return "\n".join([*lines, "", textwrap.fill(" ".join(" ".join(sentences).split()), 100)])
@@ -83,11 +94,24 @@ def _bound(record: Calibration, loop: BusFirmware) -> Mapping[str, str]:
     """The bounds, or why there are none, kept on disk: finding them takes seconds."""
     received = sum(1 for box in loop.bus.received if box.name) if loop.bus.secured else 0
     of = f"{memory_image.image(record).hex()} with {received} frames"
-    what = f"bound on {PROCESSOR} by {_compiler()} of {of}"
+    what = f"bound on {PROCESSOR} by {_version(GCC)} of {of}"
     try:
-        return loop.kept(what, lambda: _made(record, loop, received))
+        bound = loop.kept(what, lambda: _made(record, loop, received))
+        return bound | _period(record, loop, bound)
     except CanrollError as error:
         return {"stack and cycles": f"no bound was found: {error}"}
+
+
+def _period(record: Calibration, loop: BusFirmware, bound: Mapping[str, str]) -> dict[str, str]:
+    """What receive interrupts and tick take of a period; jitter may bring one more of a frame."""
+    period_ms, boxes = record.tick_us / 1000, [box for box in loop.bus.received if box.name]
+    frames = sum(1 + int(period_ms // box.cycle_ms) if box.cycle_ms else 1 for box in boxes)
+    cycles = int(bound[TICK]) + frames * int(bound[RECEIVE])
+    return {
+        "receive interrupts in a period, most": str(frames),
+        "cycles of these and the tick, bound": str(cycles),
+        "clock at which they take half a period, MHz": f"{2 * cycles / record.tick_us:.2f}",
+    }
 
 
 def _made(record: Calibration, loop: BusFirmware, received: int) -> dict[str, str]:
@@ -98,11 +122,12 @@ def _made(record: Calibration, loop: BusFirmware, received: int) -> dict[str, st
     return {
         "stack of `canroll_tick`, bytes, bound": str(bound.tick.stack),
         "stack of `canroll_receive`, bytes, bound": str(bound.receive.stack),
-        "cycles of `canroll_tick`, bound": str(bound.tick.cycles),
-        "cycles of `canroll_receive`, bound": str(bound.receive.cycles),
+        TICK: str(bound.tick.cycles),
+        RECEIVE: str(bound.receive.cycles),
     }
 
 
-def _compiler() -> str:
-    version = subprocess.run([GCC, "--version"], capture_output=True, text=True, check=False)
-    return version.stdout.splitlines()[0] if version.stdout else GCC
+def _version(*compiler: str) -> str:
+    """The first line that a compiler says of itself."""
+    said = subprocess.run([*compiler, "--version"], capture_output=True, text=True, check=False)
+    return said.stdout.splitlines()[0] if said.stdout else compiler[0]

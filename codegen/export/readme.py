@@ -3,7 +3,14 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from codegen.export import coverage_cases, figures, interrupts, misra, traceability
+from codegen.export import (
+    coverage_cases,
+    figures,
+    interrupts,
+    misra,
+    operation,
+    traceability,
+)
 from codegen.export.contents import Code, Export
 from codegen.export.sessions import nvm_session, secoc_session, uds_session, xcp_session
 from codegen.frame.frame_protection import Protection
@@ -74,6 +81,9 @@ def text(export: Export, code: Code) -> str:
         "figures": figures.table(export.record, firmware, served)
         if export.measured
         else figures.UNKNOWN.format(missing="it was not asked for"),
+        "faults": operation.fault_codes(code.general),
+        "silence": operation.silence(export.record, firmware),
+        "wear": operation.wear(export, served),
         "stage": _stage(export),
         "services": _services(export, code),
         "tested": _tested(export) + (secoc_session.FILES if bus.secured else ""),

@@ -41,7 +41,11 @@ class Requirement:
 
     def covers(self, function: Function) -> bool:
         """Whether a function is there for it."""
-        return any(fnmatchcase(".".join(function.key), pattern) for pattern in self.functions)
+        return self.matches(".".join(function.key))
+
+    def matches(self, key: str) -> bool:
+        """Whether the function "module.name" is there for it."""
+        return any(fnmatchcase(key, pattern) for pattern in self.functions)
 
 
 @cache

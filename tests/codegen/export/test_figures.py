@@ -36,6 +36,12 @@ def test_figures_are_those_of_the_code(services):
     assert its["`ecu`, bytes of RAM"] == size.state
     assert 0 < its["cycles of `canroll_receive`, bound"] < its["cycles of `canroll_tick`, bound"]
     assert its["stack of `canroll_tick`, bytes, bound"] > 0
+    # 10 ms: two of Imu and the like, one of what comes more rarely
+    period = its["cycles of these and the tick, bound"] - its["cycles of `canroll_tick`, bound"]
+    assert its["receive interrupts in a period, most"] >= len(built_in().bus.received)
+    assert period == (
+        its["receive interrupts in a period, most"] * its["cycles of `canroll_receive`, bound"]
+    )
     assert (
         ("`uds`, bytes of RAM" in its)
         == ("with the services" in " ".join(text.split()))
@@ -63,8 +69,21 @@ def test_authentication_is_counted():
     assert "verifies at most one of each" in " ".join(text.split())
 
 
-def test_without_a_compiler_it_says_which_package(monkeypatch):
+@pytest.mark.slow
+def test_without_a_cross_compiler_the_sizes_are_those_of_clang(monkeypatch):
+    pytest.importorskip("ziglang", reason="needs canroll[target]")
     monkeypatch.setattr(figures, "GCC", "no-such-gcc")
+    text = figures.table(RECORD, built_in(), built_in())
+    assert "no-such-gcc is not installed (package gcc-arm-none-eabi)" in " ".join(text.split())
+    assert "clang" in text
+    size = footprint(cortex.zig_image("cortex-m4"))
+    assert rows(text)["code, bytes of flash"] == size.text
+    assert not any("cycles" in name or "stack" in name for name in rows(text))
+
+
+def test_without_any_compiler_it_says_which_package(monkeypatch):
+    monkeypatch.setattr(figures, "GCC", "no-such-gcc")
+    monkeypatch.setattr(cortex, "has_pip_tools", lambda: False)
     text = figures.table(RECORD, built_in(), built_in())
     assert "no-such-gcc is not installed (package gcc-arm-none-eabi)" in text
     assert rows(text) == {}
