@@ -237,8 +237,8 @@ def _described(export: Export, code: Code) -> dict[str, str]:
         "src/canroll_epk.c": EPK_SOURCE,
         "canroll.a2l": a2l.a2l(software, addresses, export.byte_order),
     }
-    if not export.specialised:
-        texts[traceability.PAGE] = traceability.page(code.served)
+    origin = code.general if export.specialised else None
+    texts[traceability.PAGE] = traceability.page(code.served, origin)
     return texts
 
 

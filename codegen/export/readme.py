@@ -87,7 +87,7 @@ def text(export: Export, code: Code) -> str:
         "stage": _stage(export),
         "services": _services(export, code),
         "tested": _tested(export) + (secoc_session.FILES if bus.secured else ""),
-        "traced": "" if export.specialised else traceability.NOTE,
+        "traced": traceability.NOTE,
     }
     for name, value in values.items():
         page = page.replace(f"{{{name}}}", value)

@@ -4,6 +4,7 @@ The requirements are those of ``requirements.toml``. Lines and obligations are r
 and the emitted C themselves, so the table is that of the bundle it stands in.
 """
 
+import ast
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -27,7 +28,14 @@ NOTE = (
     "tests |\n"
 )
 PAGE = "TRACEABILITY.md"
-"""File of a bundle; code for one calibration has no functions to trace, as they are merged."""
+MADE = "ecu"
+"""Module of specialised code, whose functions are copies of others that their docstrings name."""
+RUN = "; `test/session_cases.c` runs every statement"
+SPECIALISED = """\
+The code is specialised for one calibration: a function has a copy in C for each set
+of arguments that are known, and the obligations are those of the copy. One without a line in C was
+put in place of its calls, or is not reached with this calibration."""
+NO_CODE = "—"
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,42 +82,81 @@ class Row:
     obligations: int
 
 
-def rows(program: Program, files: Mapping[str, str]) -> dict[str, list[Row]]:
+def rows(
+    program: Program, files: Mapping[str, str], general: Program | None = None
+) -> dict[str, list[Row]]:
     """Return the functions by the requirement they are there for; "" for the engineer's own.
+
+    ``general``: the program that ``program`` was specialised from, None where it is not. Its
+    functions of which nothing is left have a row too, without a line in C.
 
     Raises:
         CanrollError: a function that no requirement, or more than one, asks for.
     """
     links = linkage(program)
     names, proof = Names(program, links.public), prove(program)
-    found: dict[str, list[Row]] = {its.name: [] for its in requirements()}
-    found[""] = []
+    traced: dict[str, list[Row]] = {its.name: [] for its in requirements()}
+    traced[""] = []
+    copied = set()
     for function in program.functions():
-        if function.key not in links.reachable:
-            continue
-        asked = [its.name for its in requirements() if its.covers(function)]
-        if function.module == own_stage.NAME or function.module.startswith(PREFIX):
-            asked = [""]
-        if len(asked) != 1:
-            said = " and ".join(asked) or "none"
-            raise CanrollError(f"{FILE.name}: {'.'.join(function.key)} has requirements: {said}")
-        found[asked[0]].append(_row(program, function, names, proof, files))
-    return found
+        if function.key in links.reachable:
+            origin = origin_of(function, general)
+            copied.add(origin.key)
+            home = program if origin is function or general is None else general
+            place = _emitted(function, names, files), _obligations(program, function, proof)
+            traced[requirement_of(origin)].append(Row(*_source(home, origin), *place))
+    if general is not None:
+        reached = linkage(general).reachable
+        for function in general.functions():
+            if function.key in reached and function.key not in copied:
+                row = Row(*_source(general, function), NO_CODE, 0)
+                traced[requirement_of(function)].append(row)
+    return traced
 
 
-def _row(
-    program: Program, function: Function, names: Names, proof: Proof, files: Mapping[str, str]
-) -> Row:
-    path = program.modules[function.module].path
-    first, last = function.node.lineno, function.node.end_lineno or function.node.lineno
-    inside = range(first, last + 1)
-    places = proof.obligations.items()
-    obligations = sum(n for (file, line), n in places if file == str(path) and line in inside)
+def origin_of(function: Function, general: Program | None) -> Function:
+    """Return the function that a copy in specialised code was made from, or itself."""
+    if general is None or function.module != MADE:
+        return function
+    last = (ast.get_docstring(function.node) or "").split("\n\n")[-1]
+    match = re.fullmatch(r"(\w+)\.(\w+)( for .*)?\.", last, re.DOTALL)
+    assert match is not None, function.key
+    return general.modules[match[1]].functions[match[2]]
+
+
+def requirement_of(function: Function) -> str:
+    """Return the name of the requirement that a function is there for; "": the engineer's own.
+
+    Raises:
+        CanrollError: no requirement, or more than one, asks for it.
+    """
+    if function.module == own_stage.NAME or function.module.startswith(PREFIX):
+        return ""
+    asked = [its.name for its in requirements() if its.covers(function)]
+    if len(asked) != 1:
+        said = " and ".join(asked) or "none"
+        raise CanrollError(f"{FILE.name}: {'.'.join(function.key)} has requirements: {said}")
+    return asked[0]
+
+
+def _lines_of(function: Function) -> range:
+    return range(function.node.lineno, (function.node.end_lineno or function.node.lineno) + 1)
+
+
+def _source(program: Program, function: Function) -> tuple[str, str]:
+    """A function's name, and its file and lines."""
+    lines, path = _lines_of(function), program.modules[function.module].path
+    return ".".join(function.key), f"{path.name}:{lines[0]}–{lines[-1]}"
+
+
+def _obligations(program: Program, function: Function, proof: Proof) -> int:
+    path, lines = str(program.modules[function.module].path), _lines_of(function)
+    return sum(n for (file, at), n in proof.obligations.items() if file == path and at in lines)
+
+
+def _emitted(function: Function, names: Names, files: Mapping[str, str]) -> str:
     file = f"canroll_{function.module}.c"
-    line = defined(files[file], names.function(function))
-    return Row(
-        ".".join(function.key), f"{path.name}:{first}–{last}", f"src/{file}:{line}", obligations
-    )
+    return f"src/{file}:{defined(files[file], names.function(function))}"
 
 
 def defined(text: str, name: str) -> int:
@@ -120,27 +167,31 @@ def defined(text: str, name: str) -> int:
     raise CanrollError(f"no function {name} in the C")
 
 
-def page(firmware: BusFirmware) -> str:
-    """Return the table of a bundle as Markdown."""
+def page(firmware: BusFirmware, general: BusFirmware | None = None) -> str:
+    """Return the table of a bundle as Markdown; ``general``: what it was specialised from."""
     asked = FILE.read_text(encoding="utf-8")
-    return firmware.kept(asked, lambda: {"text": _made(firmware)})["text"]
+    return firmware.kept(asked, lambda: {"text": _made(firmware, general)})["text"]
 
 
-def _made(firmware: BusFirmware) -> str:
-    return "\n".join([*_lines(rows(firmware.program(), firmware.files)), ""])
+def _made(firmware: BusFirmware, general: BusFirmware | None) -> str:
+    origin = None if general is None else general.program()
+    traced = rows(firmware.program(), firmware.files, origin)
+    return "\n".join([*_lines(traced, specialised=general is not None), ""])
 
 
-def _lines(found: Mapping[str, list[Row]]) -> Iterator[str]:
+def _lines(found: Mapping[str, list[Row]], *, specialised: bool) -> Iterator[str]:
     total = sum(row.obligations for functions in found.values() for row in functions)
     yield "# From requirement to test"
     yield ""
     yield (
         "Made with this bundle. Source lines are those of canroll's `firmware/`, tests those of "
-        "its `tests/`; `test/session_cases.c` runs every statement. Obligations are the places in "
+        f"its `tests/`{'' if specialised else RUN}. Obligations are the places in "
         "a function at which the proof showed that nothing overflows, leaves its field or its "
         f"array, or is divided by zero: {total} in all, each for every state, frame and accepted "
         "calibration."
     )
+    if specialised:
+        yield from ("", SPECIALISED)
     for its in requirements():
         yield from ("", f"## {its.name}", "", its.text, "")
         yield from _table(found[its.name])

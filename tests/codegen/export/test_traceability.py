@@ -12,8 +12,9 @@ from codegen.c99.linkage import linkage
 from codegen.export import traceability
 from codegen.export.traceability import Requirement, requirements
 from codegen.generated import own_stage, signals
-from codegen.run import LASTING, SERVICES
+from codegen.run import LASTING, SERVICES, ecu_traffic
 from codegen.run.bus_firmware import AUTHENTICATION, built_in, of_bus, with_services, with_stage
+from codegen.specialise.firmware import specialised
 from codegen.subset.program import file_of
 
 ROOT = Path(__file__).parents[3]
@@ -88,6 +89,27 @@ def test_obligations_are_those_of_the_proof(found):
     assert count["fixed_point.quotient"] >= 2
     assert all(count[name] > 5 for name in ("ecu.init", "observer.advance", "check.check_ranges"))
     assert sum(count.values()) > 2000
+
+
+@pytest.mark.slow
+def test_specialised_code_is_traced_to_the_functions_it_was_made_from():
+    special = with_services(specialised(built_in(), ecu_traffic.random_calibration(7)), ("nvm",))
+    program, general = special.program(), built_in().program()
+    traced = traceability.rows(program, special.files, general)
+    rows = [row for functions in traced.values() for row in functions]
+    emitted = [row for row in rows if row.emitted != traceability.NO_CODE]
+    # every function of the C once, every function of the source at least once
+    assert len({row.emitted for row in emitted}) == len(emitted) == len(linkage(program).reachable)
+    sources = {".".join(key) for key in linkage(general).reachable}
+    assert sources < {row.function for row in rows}
+    for row in emitted:
+        module, name = row.function.split(".")
+        file, _, line = row.emitted.removeprefix("src/").partition(":")
+        head = special.files[file].splitlines()[int(line) - 1]
+        assert f"_{name}" in head and not head.endswith(";")
+        assert row.source.startswith(f"{module}.py:")
+    assert all(row.obligations == 0 for row in rows if row.emitted == traceability.NO_CODE)
+    assert 0 < len(rows) - len(emitted) < len(rows) / 2
 
 
 def test_an_own_stage_stands_for_itself():
