@@ -15,6 +15,7 @@ from typing import Literal
 from codegen.c99 import kept, record_name
 from codegen.c99.function import FunctionWriter
 from codegen.c99.linkage import PUBLIC_NUMBERS, PUBLIC_TABLES, Home, Names, linkage
+from codegen.c99.notes import Notes
 from codegen.c99.text import (
     CLOSE_C,
     OPEN_C,
@@ -68,9 +69,10 @@ def emit(
 class Emitter:
     """Translator of one program; its constructor runs the interval analysis."""
 
-    def __init__(self, program: Program) -> None:
+    def __init__(self, program: Program, notes: Notes | None = None) -> None:
         rules.check(program)
         self.program = program
+        self.notes = notes or Notes()
         self.linkage = linkage(program)
         seen = prove(program).seen
         # what no entry point reaches is typed by its function alone
@@ -229,6 +231,8 @@ class Emitter:
         doc = ast.get_docstring(function.node)
         if doc:
             lines += comment(doc)
+        if note := self.notes.of_function(function):
+            lines += comment(note)
         lines += broken(self._prototype(function))
         lines.append("{")
         for constant in module.constants.values():
@@ -236,7 +240,7 @@ class Emitter:
                 table = self._table(constant, "static const", body=True)
                 lines += comments_of(module.comments, [constant.line - 1], "    ")
                 lines += [f"    {line}" for line in table]
-        body = FunctionWriter(self.program, self.names, self.seen, module, function)
+        body = FunctionWriter(self.program, self.names, self.seen, function, self.notes)
         # a size is a literal in C
         sizes = {
             node.args[0]

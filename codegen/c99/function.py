@@ -5,7 +5,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from itertools import count
 
 from codegen.c99.linkage import Names
-from codegen.c99.text import broken, comments_of, plain
+from codegen.c99.notes import Notes
+from codegen.c99.text import broken, comment, comments_of, plain
 from codegen.operations.c_expression import (
     BOTH,
     C_TYPES,
@@ -28,7 +29,6 @@ from codegen.subset.program import (
     FieldReference,
     Function,
     Local,
-    Module,
     Parameter,
     Program,
     SubsetError,
@@ -46,12 +46,13 @@ class FunctionWriter:
         program: Program,
         names: Names,
         seen: Mapping[ast.AST, Value],
-        module: Module,
         function: Function,
+        notes: Notes,
     ) -> None:
         self.program = program
+        self.notes = notes
         self.names = names
-        self.module = module
+        self.module = program.modules[function.module]
         self.function = function
         self.refs = program.refs
         self.counters: list[str] = []
@@ -74,6 +75,8 @@ class FunctionWriter:
             own, text = self.module.comments.get(node.lineno, (True, ""))
             if not own:
                 texts[0] += f" /* {plain(text)} */"
+            if note := self.notes.of_statement(self.function, node):
+                yield from comment(note, indent)
             yield from texts
             self.line = max(self.line, node.end_lineno or node.lineno)
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from canroll.errors import CanrollError
 from codegen.export import (
     a2l,
+    annotate,
     cantools_codec,
     codec_comparison,
     coverage_cases,
@@ -136,7 +137,9 @@ def write(folder: Path, export: Export) -> list[Path]:
     refuse_namesakes(export.dbc)
     general = with_stage(of_bus(export.dbc, export.map_file), export.stage)
     loop = specialised(general, export.record) if export.specialised else general
-    code = Code(general, loop, with_services(loop, export.services))
+    served = with_services(loop, export.services)
+    origin = general if export.specialised else None
+    code = Code(general, loop, served, annotate.files(served, origin))
     texts: dict[str, str] = {}
     for part in PARTS:
         files = part(export, code)
@@ -157,7 +160,7 @@ def _loop(export: Export, code: Code) -> dict[str, str]:
     """The firmware, its calibration and the stage that it was made from."""
     texts = {
         f"{'src' if name.endswith('.c') else 'include'}/{name}": text
-        for name, text in code.served.files.items()
+        for name, text in code.files.items()
     }
     texts["include/canroll_gains.h"] = export.gains
     if export.specialised:
@@ -238,7 +241,7 @@ def _described(export: Export, code: Code) -> dict[str, str]:
         "canroll.a2l": a2l.a2l(software, addresses, export.byte_order),
     }
     origin = code.general if export.specialised else None
-    texts[traceability.PAGE] = traceability.page(code.served, origin)
+    texts[traceability.PAGE] = traceability.page(code.served, code.files, origin)
     return texts
 
 

@@ -1,5 +1,6 @@
 """Contents of a bundle: what an export is asked for, and the firmware that is made of it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,8 +55,10 @@ class Code:
         general: for any calibration.
         loop: the same, or specialised.
         served: with the services beside it.
+        files: its C, with comments for a reviewer.
     """
 
     general: BusFirmware
     loop: BusFirmware
     served: BusFirmware
+    files: Mapping[str, str]

@@ -104,12 +104,12 @@ def rows(
             copied.add(origin.key)
             home = program if origin is function or general is None else general
             place = _emitted(function, names, files), _obligations(program, function, proof)
-            traced[requirement_of(origin)].append(Row(*_source(home, origin), *place))
+            traced[requirement_of(origin)].append(Row(*source_of(home, origin), *place))
     if general is not None:
         reached = linkage(general).reachable
         for function in general.functions():
             if function.key in reached and function.key not in copied:
-                row = Row(*_source(general, function), NO_CODE, 0)
+                row = Row(*source_of(general, function), NO_CODE, 0)
                 traced[requirement_of(function)].append(row)
     return traced
 
@@ -143,8 +143,8 @@ def _lines_of(function: Function) -> range:
     return range(function.node.lineno, (function.node.end_lineno or function.node.lineno) + 1)
 
 
-def _source(program: Program, function: Function) -> tuple[str, str]:
-    """A function's name, and its file and lines."""
+def source_of(program: Program, function: Function) -> tuple[str, str]:
+    """Return a function's name, and its file and lines."""
     lines, path = _lines_of(function), program.modules[function.module].path
     return ".".join(function.key), f"{path.name}:{lines[0]}–{lines[-1]}"
 
@@ -167,15 +167,23 @@ def defined(text: str, name: str) -> int:
     raise CanrollError(f"no function {name} in the C")
 
 
-def page(firmware: BusFirmware, general: BusFirmware | None = None) -> str:
-    """Return the table of a bundle as Markdown; ``general``: what it was specialised from."""
-    asked = FILE.read_text(encoding="utf-8")
-    return firmware.kept(asked, lambda: {"text": _made(firmware, general)})["text"]
+def page(
+    firmware: BusFirmware, files: Mapping[str, str], general: BusFirmware | None = None
+) -> str:
+    """Return the table of a bundle as Markdown.
+
+    Args:
+        firmware: the firmware of the bundle.
+        files: its C, whose lines are shown.
+        general: what it was specialised from, or None.
+    """
+    asked = f"{FILE.read_text(encoding='utf-8')} of {sorted(files.items())}"
+    return firmware.kept(asked, lambda: {"text": _made(firmware, files, general)})["text"]
 
 
-def _made(firmware: BusFirmware, general: BusFirmware | None) -> str:
+def _made(firmware: BusFirmware, files: Mapping[str, str], general: BusFirmware | None) -> str:
     origin = None if general is None else general.program()
-    traced = rows(firmware.program(), firmware.files, origin)
+    traced = rows(firmware.program(), files, origin)
     return "\n".join([*_lines(traced, specialised=general is not None), ""])
 
 

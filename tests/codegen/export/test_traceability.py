@@ -115,7 +115,7 @@ def test_specialised_code_is_traced_to_the_functions_it_was_made_from():
 def test_an_own_stage_stands_for_itself():
     stage = own_stage.read(ROOT / "examples" / "own_stage" / "progressive.py")
     firmware = with_stage(built_in(), stage)
-    page = traceability.page(firmware)
+    page = traceability.page(firmware, firmware.files)
     assert "## own stage" in page
     assert "| `stage.moment` | progressive.py:56–62 | src/canroll_stage.c:" in page
 
