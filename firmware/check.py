@@ -109,14 +109,14 @@ def watch_calibration(ecu: Ecu, cal: Calibration) -> None:
     ecu.calibration_crc = 0
 
 
-def fits(cal: Calibration, its: i32, at: i32) -> i32:
-    """Return 1 where the element at byte ``at`` is within range number ``its``, else 0."""
+def fits(cal: Calibration, bounds: i32, at: i32) -> i32:
+    """Return 1 where the element at byte ``at`` is within range number ``bounds``, else 0."""
     value: i32 = 0
-    if its < BYTES:
+    if bounds < BYTES:
         value = word(cal, clamp(at >> 2, 0, LAST_WORD))
     else:
         value = octet(cal, clamp(at, 0, LAST_BYTE))
-    if value < LOW[its] or value > HIGH[its]:
+    if value < LOW[bounds] or value > HIGH[bounds]:
         return 0
     return 1
 
@@ -125,13 +125,13 @@ def check_ranges(cal: Calibration) -> i32:
     """Return 0, or the number of the first field that is out of its range, from 1."""
     at: i32 = 0
     for field in range(FIELDS):
-        its: i32 = RANGE[field]
+        bounds: i32 = RANGE[field]
         size: i32 = SIZE[field]
         for _ in range(size):
-            if fits(cal, its, at) == 0:
+            if fits(cal, bounds, at) == 0:
                 return field + 1
             step: i32 = 4
-            if its >= BYTES:
+            if bounds >= BYTES:
                 step = 1
             at = clamp(at + step, 0, LAST_BYTE + 1)
     return 0

@@ -68,7 +68,7 @@ def acting_moment(ecu: Ecu, cal: Calibration) -> i32:
     return sat31(ecu.delivered[0] + ecu.delivered[1])
 
 
-def told_by_steering(ecu: Ecu) -> i32:
+def lateral_by_steering(ecu: Ecu) -> i32:
     """Return the lateral acceleration that the model relaxes to, Q24.
 
     An outdated steering angle would bias it: the estimate itself is returned, without effect.
@@ -91,8 +91,8 @@ def add_gains(
 
 def correct(ecu: Ecu, cal: Calibration, measured: i32, y: i32, moment: i32) -> None:
     """Correct the estimate by one scalar measurement ``y``, in that measurement's format."""
-    told: i64 = weighted(cal.output[measured], ecu.x) + cal.output_moment[measured] * moment
-    innovation: i32 = y - shifted(told, cal.output_shift[measured])
+    predicted: i64 = weighted(cal.output[measured], ecu.x) + cal.output_moment[measured] * moment
+    innovation: i32 = y - shifted(predicted, cal.output_shift[measured])
     if cal.observer == PROPAGATED_COVARIANCE:
         update(ecu, cal, measured, innovation)
     elif (
@@ -127,7 +127,7 @@ def observe(ecu: Ecu, cal: Calibration, steps: i32) -> None:
     if steps > 1:
         for i in range(N_STATES):
             ecu.ahead[i] = ecu.x[i]
-    advance(ecu, cal, ecu.x, moment, told_by_steering(ecu))
+    advance(ecu, cal, ecu.x, moment, lateral_by_steering(ecu))
     if steps > 1:
         make_up(ecu, steps - 1)
     if cal.observer == PROPAGATED_COVARIANCE:
@@ -152,7 +152,7 @@ def look_ahead(ecu: Ecu, cal: Calibration) -> None:
     rate: i32 = cal.actuator_rate
     if cal.actuator >= DAMPERS:
         rate = 0
-    steering: i32 = told_by_steering(ecu)
+    steering: i32 = lateral_by_steering(ecu)
     for i in range(N_STATES):
         ecu.ahead[i] = ecu.x[i]
     for step in range(cal.predict_steps):

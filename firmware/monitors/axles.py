@@ -22,9 +22,9 @@ from firmware.monitors.balance import (
     AXLES,
     SIDE_FORCE,
     accuse_axles,
-    at_once,
-    leave_room,
-    left_over,
+    high_pass,
+    raise_threshold,
+    residual,
     start_balance,
     stretch,
 )
@@ -62,17 +62,17 @@ def watch_axles(ecu: Ecu, cal: Calibration) -> None:
         ecu.balance_past[AXLES] = by_lateral
         ecu.balance_past[ACTUATORS] = ecu.delivered[0]
         ecu.balance_past[SIDE_FORCE] = of_rear
-    left: i32 = left_over(ecu, cal, AXLES, acting, momentum)
+    left: i32 = residual(ecu, cal, AXLES, acting, momentum)
     stretch(ecu, AXLES, stretched)
     wash: i32 = cal.response_wash[2]
-    by_side: i32 = magnitude(at_once(ecu, AXLES, by_lateral, wash))
+    by_side: i32 = magnitude(high_pass(ecu, AXLES, by_lateral, wash))
     # what axles do to opposite sides may be wrong to one
-    own: i32 = magnitude(at_once(ecu, ACTUATORS, ecu.delivered[0], wash))
-    other: i32 = magnitude(at_once(ecu, SIDE_FORCE, of_rear, wash))
+    own: i32 = magnitude(high_pass(ecu, ACTUATORS, ecu.delivered[0], wash))
+    other: i32 = magnitude(high_pass(ecu, SIDE_FORCE, of_rear, wash))
     shares: i64 = cal.response_share[5] * (own + other)
     shares += cal.axles_rough * magnitude(stretched)
     wrong: i32 = sat31(shifted(shares, Q_SHARE) + by_side)
-    leave_room(ecu, AXLES, wrong, rsh(wash, 1))
+    raise_threshold(ecu, AXLES, wrong, rsh(wash, 1))
     limit: i32 = ecu.balance_room[AXLES] + cal.axles_min
     if ecu.balance_room[AXLES] > cal.axles_rest:
         limit = STATE_MAX

@@ -51,7 +51,7 @@ def washout(ecu: Ecu, cal: Calibration, which: i32) -> i32:
     return cal.response_wash[1]
 
 
-def left_over(ecu: Ecu, cal: Calibration, which: i32, acting: i32, momentum: i32) -> i32:
+def residual(ecu: Ecu, cal: Calibration, which: i32, acting: i32, momentum: i32) -> i32:
     """Return what is left of a balance, washed out and low-passed.
 
     ``acting`` is all but the springs' share, ``momentum`` by the low-pass's time constant.
@@ -71,7 +71,7 @@ def stretch(ecu: Ecu, which: i32, stretched: i32) -> None:
     ecu.balance_spring[which] = sat31(ecu.balance_spring[which] + stretched)
 
 
-def at_once(ecu: Ecu, which: i32, value: i32, fading: i32) -> i32:
+def high_pass(ecu: Ecu, which: i32, value: i32, fading: i32) -> i32:
     """Return what is new in ``value``: washed out by ``fading``, of 2^30."""
     new: i32 = sat31(value - ecu.balance_past[which])
     ecu.balance_past[which] = sat31(ecu.balance_past[which] + product(new, fading, 30))
@@ -83,7 +83,7 @@ def share(value: i32, of: i32) -> i32:
     return product(magnitude(value), of, Q_SHARE)
 
 
-def leave_room(ecu: Ecu, which: i32, size: i32, fading: i32) -> None:
+def raise_threshold(ecu: Ecu, which: i32, size: i32, fading: i32) -> None:
     """Let what may be left over follow ``size`` up at once and fade by ``fading``, of 2^30."""
     room: i32 = ecu.balance_room[which]
     ecu.balance_room[which] = clamp(size, room - product(room, fading, 30), STATE_MAX)
@@ -96,7 +96,7 @@ def mean_change(ecu: Ecu, which: i32, value: i32) -> i32:
     """
     # it starts low: until it is known the shares of springs, dampers and unequal strokes on such a
     # road, and the least force for heave, are more than what adds up
-    change: i32 = magnitude(at_once(ecu, which, value, ONE))
+    change: i32 = magnitude(high_pass(ecu, which, value, ONE))
     mean: i32 = ecu.balance_room[which]
     mean = clamp(mean - rsh(mean, MEAN) + rsh(change, MEAN), 0, STATE_MAX)
     ecu.balance_room[which] = mean

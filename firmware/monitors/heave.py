@@ -14,8 +14,8 @@ from firmware.fixed_point import product
 from firmware.monitors.balance import (
     HEAVE,
     accuse_axles,
-    left_over,
     mean_change,
+    residual,
     start_balance,
     stretch,
 )
@@ -34,7 +34,7 @@ def watch_heave(ecu: Ecu, cal: Calibration) -> None:
     front: i32 = product(ecu.stroke_rate[0] + ecu.stroke_rate[1], cal.heave_stretch[0], 23)
     rear: i32 = product(ecu.stroke_rate[2] + ecu.stroke_rate[3], cal.heave_stretch[1], 23)
     moved: i32 = sat31(front + rear)
-    more: i32 = left_over(ecu, cal, HEAVE, 0, 0)
+    more: i32 = residual(ecu, cal, HEAVE, 0, 0)
     stretch(ecu, HEAVE, moved)
     mean: i32 = mean_change(ecu, HEAVE, moved)
     late: i32 = product(mean, cal.heave_late, 10)

@@ -39,10 +39,10 @@ from firmware.monitors.balance import (
     SPRINGS,
     STEADY,
     accuse_axles,
-    at_once,
-    leave_room,
-    left_over,
+    high_pass,
     mean_change,
+    raise_threshold,
+    residual,
     share,
     start_balance,
     stretch,
@@ -72,31 +72,33 @@ def known(ecu: Ecu, cal: Calibration) -> i32:
     return ecu.enabled & ecu.command_held
 
 
-def of_side(own: i32, other: i32, value: i32, left: i32) -> i32:
+def share_by_side(own: i32, other: i32, value: i32, left: i32) -> i32:
     """Return a share of ``value``: its ``own`` where what is ``left`` is of the same side."""
     if side_of(left, value, 0) != 0:
         return share(value, own)
     return share(value, other)
 
 
-def of_shown(ecu: Ecu, cal: Calibration, shown: i32, moment: i32, left: i32) -> i32:
+def lateral_uncertainty(ecu: Ecu, cal: Calibration, shown: i32, moment: i32, left: i32) -> i32:
     """Return what the model may be wrong by in what is ``shown`` of the lateral acceleration."""
-    wrong: i32 = of_side(cal.lateral_share[0], cal.lateral_share[1], shown, left)
+    wrong: i32 = share_by_side(cal.lateral_share[0], cal.lateral_share[1], shown, left)
     wrong = sat31(wrong + share(moment, cal.lateral_share[2]))
     if within(ecu, cal.response_limit) == 0:
         wrong = sat31(wrong + share(shown, cal.limit_share[1]))
     return wrong
 
 
-def watch_lateral_balance(ecu: Ecu, cal: Calibration, left: i32, beside: i32, wrong: i32) -> None:
+def watch_lateral_balance(
+    ecu: Ecu, cal: Calibration, left: i32, by_yaw_rate: i32, wrong: i32
+) -> None:
     """Judge the lateral acceleration by what is ``left`` and by yaw rate times speed.
 
-    ``beside`` is by how much that differs from it, ``wrong`` what the model may be wrong by.
+    ``by_yaw_rate`` is by how much that differs from it, ``wrong`` what the model may be wrong by.
     """
-    leave_room(ecu, LATERAL, wrong, rsh(cal.response_pass, FADING))
+    raise_threshold(ecu, LATERAL, wrong, rsh(cal.response_pass, FADING))
     side: i32 = 0
     if ecu.motion_lost == 0 and (ecu.valid[RX_IMU] & YAW) != 0:
-        side = side_of(left, beside, sat31(ecu.balance_room[LATERAL] + cal.steady_min))
+        side = side_of(left, by_yaw_rate, sat31(ecu.balance_room[LATERAL] + cal.steady_min))
     ecu.balance_ticks[LATERAL] = lasting(ecu.balance_ticks[LATERAL], side & 1, cal.response_ticks)
     if ecu.balance_ticks[LATERAL] == cal.response_ticks:
         ecu.lateral_contradicted = 1
@@ -112,7 +114,7 @@ def watch_model(ecu: Ecu, cal: Calibration, by_force: i32, left: i32) -> None:
     ecu.model_ticks = lasting(ecu.model_ticks, right, cal.response_ticks)
 
 
-def of_force(ecu: Ecu, cal: Calibration, by_force: i32, left: i32) -> i32:
+def force_uncertainty(ecu: Ecu, cal: Calibration, by_force: i32, left: i32) -> i32:
     """Return what the model may be wrong by for so much lateral force, to the side of ``left``.
 
     Mass and height that are larger than designed for and softer springs leave over more to its own
@@ -121,19 +123,19 @@ def of_force(ecu: Ecu, cal: Calibration, by_force: i32, left: i32) -> i32:
     own: i32 = cal.steady_share[0]
     if ecu.model_ticks == cal.response_ticks:
         own = cal.steady_share[1]
-    return of_side(own, cal.steady_share[1], by_force, left)
+    return share_by_side(own, cal.steady_share[1], by_force, left)
 
 
-def watch_steady(ecu: Ecu, cal: Calibration, left: i32, beside: i32, wrong: i32) -> None:
+def watch_steady(ecu: Ecu, cal: Calibration, left: i32, by_yaw_rate: i32, wrong: i32) -> None:
     """Judge the reported moments by what is ``left`` of the slow balance.
 
-    ``beside`` as above: to the same side, it is the acceleration that may be wrong. ``wrong`` is
-    what the model may be wrong by.
+    ``by_yaw_rate`` as above: to the same side, it is the acceleration that may be wrong. ``wrong``
+    is what the model may be wrong by.
     """
-    leave_room(ecu, STEADY, wrong, rsh(cal.response_pass, FADING))
+    raise_threshold(ecu, STEADY, wrong, rsh(cal.response_pass, FADING))
     late: i32 = product(ecu.balance_room[DAMPERS], cal.response_late[1], 10)
     limit: i32 = sat31(ecu.balance_room[STEADY] + late + cal.steady_min)
-    if within(ecu, cal.response_limit) == 0 or side_of(left, beside, cal.steady_min) != 0:
+    if within(ecu, cal.response_limit) == 0 or side_of(left, by_yaw_rate, cal.steady_min) != 0:
         limit = STATE_MAX
     accuse_axles(ecu, STEADY, left, limit, cal.response_ticks)
 
@@ -178,7 +180,7 @@ def watch_calm(ecu: Ecu, cal: Calibration, left: i32) -> None:
         ecu.balance_ticks[STEADY] = 0
 
 
-def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32, bumpy: i32) -> None:
+def watch_body(ecu: Ecu, cal: Calibration, left: i32, inertia: i32, bumpy: i32) -> None:
     """Judge the reported moments by what is ``left`` over.
 
     ``inertia`` is what the body's takes, ``bumpy`` what dampers may make of a rough road.
@@ -195,8 +197,8 @@ def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32, bumpy: 
         shares += cal.limit_share[0] * magnitude(inertia)
         shares += cal.limit_share[1] * magnitude(actuators)
     wrong: i32 = sat31(shifted(shares, Q_SHARE) + bumpy)
-    leave_room(ecu, BODY, wrong, rsh(cal.response_pass, FADING))
-    leave_room(ecu, SPRINGS, 0, cal.response_wash[0])
+    raise_threshold(ecu, BODY, wrong, rsh(cal.response_pass, FADING))
+    raise_threshold(ecu, SPRINGS, 0, cal.response_wash[0])
     late: i32 = product(ecu.balance_room[DAMPERS], cal.response_late[0], 10)
     start: i32 = ecu.balance_room[SPRINGS]
     limit: i32 = sat31(ecu.balance_room[BODY] + start + late + cal.response_min)
@@ -229,28 +231,30 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
         start_parts(ecu, damping, moment, lateral, momentum)
         ecu.balance_ticks[LATERAL] = 0
         # springs that bear a curve, or a body that is speeding up by as much
-        leave_room(ecu, SPRINGS, product(cal.response_limit, cal.response_lateral, 20), 0)
+        raise_threshold(ecu, SPRINGS, product(cal.response_limit, cal.response_lateral, 20), 0)
     stretched: i32 = product(damping, cal.response_stretch, 30)
     bumpy: i32 = rough(ecu, cal)
     mean_change(ecu, DAMPERS, damping)
-    wrong: i32 = left_over(ecu, cal, LATERAL, acting, momentum)
+    wrong: i32 = residual(ecu, cal, LATERAL, acting, momentum)
     stretch(ecu, LATERAL, stretched)
-    by_force: i32 = at_once(ecu, STEADY, lateral, washout(ecu, cal, STEADY))
+    by_force: i32 = high_pass(ecu, STEADY, lateral, washout(ecu, cal, STEADY))
     if ecu.response_known == BOTH:
         turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
-        beside: i32 = product(turning - ecu.lateral_acceleration, cal.response_lateral, 20)
-        excused: i32 = of_shown(ecu, cal, sat31(wrong + by_force), moment, wrong)
-        watch_lateral_balance(ecu, cal, wrong, beside, excused)
+        by_yaw_rate: i32 = product(turning - ecu.lateral_acceleration, cal.response_lateral, 20)
+        excused: i32 = lateral_uncertainty(ecu, cal, sat31(wrong + by_force), moment, wrong)
+        watch_lateral_balance(ecu, cal, wrong, by_yaw_rate, excused)
         watch_model(ecu, cal, by_force, wrong)
-        may_be: i32 = of_force(ecu, cal, by_force, wrong) + share(moment, cal.steady_share[2])
-        watch_steady(ecu, cal, wrong, beside, sat31(may_be + bumpy))
-    side_force: i32 = left_over(ecu, cal, SIDE_FORCE, lateral, 0)
-    springs: i32 = left_over(ecu, cal, SPRINGS, 0, 0)
-    dampers: i32 = left_over(ecu, cal, DAMPERS, damping, 0)
-    actuators: i32 = left_over(ecu, cal, ACTUATORS, moment, 0)
-    inertia: i32 = left_over(ecu, cal, BODY, 0, momentum)
+        may_be: i32 = force_uncertainty(ecu, cal, by_force, wrong) + share(
+            moment, cal.steady_share[2]
+        )
+        watch_steady(ecu, cal, wrong, by_yaw_rate, sat31(may_be + bumpy))
+    side_force: i32 = residual(ecu, cal, SIDE_FORCE, lateral, 0)
+    springs: i32 = residual(ecu, cal, SPRINGS, 0, 0)
+    dampers: i32 = residual(ecu, cal, DAMPERS, damping, 0)
+    actuators: i32 = residual(ecu, cal, ACTUATORS, moment, 0)
+    inertia: i32 = residual(ecu, cal, BODY, 0, momentum)
     stretch(ecu, SPRINGS, stretched)
     left: i32 = sat31(inertia + springs + dampers - side_force - actuators)
-    watch_left_over(ecu, cal, left, inertia, bumpy)
+    watch_body(ecu, cal, left, inertia, bumpy)
     if ecu.response_known == ONE_BALANCE:
         watch_calm(ecu, cal, left)

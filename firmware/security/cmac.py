@@ -13,10 +13,10 @@ def doubled(secoc: Secoc, which: i32) -> None:
     """Make subkey ``which`` twice ``block`` in GF(2^128), and it the new ``block``."""
     carry: i32 = -((to_i32(to_u32(secoc.block[0]) >> 31)) & 1) & RB
     for k in range(3, -1, -1):
-        whole: u32 = to_u32(secoc.block[k])
+        element: u32 = to_u32(secoc.block[k])
         low: i32 = carry & 255
-        carry = to_i32(whole >> 31)
-        secoc.block[k] = to_i32(((whole & 0x7FFFFFFF) << 1) ^ low)
+        carry = to_i32(element >> 31)
+        secoc.block[k] = to_i32(((element & 0x7FFFFFFF) << 1) ^ low)
         secoc.subkey[which][k] = secoc.block[k]
 
 

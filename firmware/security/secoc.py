@@ -124,9 +124,9 @@ def verify(secoc: Secoc, message: i32, frame: Annotated[list[u8], SECURED], leng
         if ahead >= 1 and ahead <= RESET_STEP_MAX:
             newer = 1
         reset: i32 = clamp(last + ahead, 0, RESET_MAX)
-        found: i32 = packed(frame[MAC_AT], frame[MAC_AT + 1], frame[MAC_AT + 2], frame[MAC_AT + 3])
+        mac: i32 = packed(frame[MAC_AT], frame[MAC_AT + 1], frame[MAC_AT + 2], frame[MAC_AT + 3])
         if newer == 1 and count < COUNTER_MAX:
-            if authenticate(secoc, RX_DATA_IDS[message], frame, reset, count) == found:
+            if authenticate(secoc, RX_DATA_IDS[message], frame, reset, count) == mac:
                 secoc.rx_reset[message] = reset
                 secoc.rx_freshness[message] = count
                 if secoc.listening > 0:

@@ -47,19 +47,19 @@ def status(uds: Uds, ecu: Ecu, code: i32) -> i32:
     active: i32 = ecu.fault_active
     latched: i32 = ecu.fault_latched
     earlier: i32 = uds.earlier
-    found: i32 = 0
+    bits: i32 = 0
     for k in range(N_FAULT_CODES):
         if k == code:
             if (active & 1) != 0:
-                found = found | FAILED
+                bits = bits | FAILED
             if (latched & 1) != 0:
-                found = found | CONFIRMED
+                bits = bits | CONFIRMED
                 if (earlier & 1) == 0:
-                    found = found | FAILED_HERE
+                    bits = bits | FAILED_HERE
         earlier = earlier >> 1
         active = active >> 1
         latched = latched >> 1
-    return found
+    return bits
 
 
 def put_code(uds: Uds, ecu: Ecu, code: i32) -> None:
@@ -96,19 +96,19 @@ def put_number(uds: Uds, value: i32) -> None:
 
 def put_snapshot(uds: Uds, ecu: Ecu, code: i32) -> None:
     """Append number and status of a fault code and its snapshot, where it has one."""
-    its: i32 = clamp(code, 0, N_FAULT_CODES - 1)
-    put_code(uds, ecu, its)
-    if (status(uds, ecu, its) & CONFIRMED) == 0:
+    number: i32 = clamp(code, 0, N_FAULT_CODES - 1)
+    put_code(uds, ecu, number)
+    if (status(uds, ecu, number) & CONFIRMED) == 0:
         return
     put(uds, RECORD)
     put(uds, N_KEPT + 1)
     put(uds, MODE >> 8)
     put(uds, MODE & 255)
-    put(uds, uds.kept_mode[its])
+    put(uds, uds.kept_mode[number])
     for k in range(N_KEPT):
         put(uds, KEPT[k] >> 8)
         put(uds, KEPT[k] & 255)
-        put_number(uds, uds.kept[its][k])
+        put_number(uds, uds.kept[number][k])
 
 
 def forget(uds: Uds, ecu: Ecu) -> None:

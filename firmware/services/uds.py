@@ -212,12 +212,12 @@ def read_data(uds: Uds, ecu: Ecu, cal: Calibration) -> i32:
         return WRONG_LENGTH
     if size > 2 * DATA_MAX:
         return TOO_LONG
-    found: i32 = 0
+    known: i32 = 0
     for k in range(DATA_MAX):
         if 2 * k < size:
             identifier: i32 = uds.request[2 * k + 1] << 8 | uds.request[2 * k + 2]
-            found += put_data(uds, ecu, cal, identifier)
-    if found == 0:
+            known += put_data(uds, ecu, cal, identifier)
+    if known == 0:
         return OUT_OF_RANGE
     return 0
 

@@ -233,9 +233,9 @@ def about_lists(xcp: Xcp, reference: Calibration, code: i32) -> i32:
 def execute(xcp: Xcp, ecu: Ecu, reference: Calibration, working: Calibration, code: i32) -> i32:
     """Execute a command; return the length of the response, 0: later, or the error negated."""
     if code == SHORT_UPLOAD:
-        found: i32 = point_at(xcp, ecu)
-        if found < 0:
-            return found
+        length: i32 = point_at(xcp, ecu)
+        if length < 0:
+            return length
         return upload(xcp, ecu, reference, working)
     if code == UPLOAD:
         if xcp.pointer == NOWHERE:

@@ -335,9 +335,9 @@ def fill(xcp: Xcp, ecu: Ecu, reference: Calibration, working: Calibration, odt: 
     for k in range(first, end):
         entry: i32 = xcp.entry[clamp(k, 0, N_ENTRIES - 1)]
         offset: i32 = entry & REACH
-        its: i32 = entry >> 16
+        kind: i32 = entry >> 16
         # four bytes of the state, which most measurements are, as memory has them
-        if its == (ENTRY_BYTES << 4 | STATE) and place <= FRAME - 4:
+        if kind == (ENTRY_BYTES << 4 | STATE) and place <= FRAME - 4:
             at: i32 = clamp(offset, 0, last)
             p: i32 = clamp(place, 0, FRAME - 4)
             xcp.tx_payload[slot][p] = octet(ecu, at)
@@ -346,8 +346,8 @@ def fill(xcp: Xcp, ecu: Ecu, reference: Calibration, working: Calibration, odt: 
             xcp.tx_payload[slot][p + 3] = octet(ecu, at + 3)
             place += 4
         else:
-            region: i32 = on_page(its & 15, xcp.ecu_page)
-            count: i32 = its >> 4
+            region: i32 = on_page(kind & 15, xcp.ecu_page)
+            count: i32 = kind >> 4
             for b in range(count):
                 xcp.tx_payload[slot][clamp(place, 0, FRAME - 1)] = fetch(
                     ecu, reference, working, region, offset + b

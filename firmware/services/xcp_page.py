@@ -100,11 +100,11 @@ def check_elements(xcp: Xcp, working: Calibration) -> i32:
     for _ in range(ELEMENTS):
         if xcp.page_field < FIELDS:
             field: i32 = clamp(xcp.page_field, 0, FIELDS - 1)
-            its: i32 = RANGE[field]
-            if fits(working, its, xcp.page_at) == 0:
+            bounds: i32 = RANGE[field]
+            if fits(working, bounds, xcp.page_at) == 0:
                 return refuse(xcp, field + 1)
             step: i32 = 4
-            if its >= BYTES:
+            if bounds >= BYTES:
                 step = 1
             xcp.page_at = clamp(xcp.page_at + step, 0, LAST_BYTE + 1)
             xcp.page_element = byte(xcp.page_element + 1)

@@ -13,7 +13,7 @@ from firmware.control_law import control
 from firmware.covariance import bounded, propagate, update
 from firmware.event_trigger import NOTHING, moved, trigger
 from firmware.identification import identify
-from firmware.observer import learn_offsets, look_ahead, observe, told_by_steering
+from firmware.observer import lateral_by_steering, learn_offsets, look_ahead, observe
 from firmware.schedule import schedule
 from firmware.state import (
     ACTIVE,
@@ -431,7 +431,7 @@ def test_without_motion_the_steering_is_held_and_draws_the_estimate_nowhere():
         ecu.motion_lost, ecu.x[2] = lost, estimate
         schedule(ecu, cal)
         assert ecu.steering_acceleration == held
-        assert told_by_steering(ecu) == (estimate if lost else held)
+        assert lateral_by_steering(ecu) == (estimate if lost else held)
 
 
 @pytest.mark.parametrize("share", [0, fw.STATE_MAX])

@@ -15,10 +15,10 @@ from firmware.monitors.balance import (
     LATERAL,
     ONE_BALANCE,
     SPRINGS,
-    at_once,
-    leave_room,
-    left_over,
+    high_pass,
     mean_change,
+    raise_threshold,
+    residual,
     share,
     start_balance,
 )
@@ -53,7 +53,7 @@ def test_what_is_left_is_washed_out_and_low_passed(which, judged, wash):
     acting = 3000.0 * np.random.default_rng(5).standard_normal(400)
     acting[0] = 0.0
     start_balance(ecu, which, 0, 0)
-    left = [left_over(ecu, cal, which, round(value * ONE), 0) / ONE for value in acting]
+    left = [residual(ecu, cal, which, round(value * ONE), 0) / ONE for value in acting]
     # a washed-out sample is of the sum of what was washed out before it
     washed = lfilter([1.0, -1.0], [1.0, -(1.0 - wash)], acting)
     slow = lfilter([PASS], [1.0, -(1.0 - PASS)], washed)
@@ -65,7 +65,7 @@ def test_momentum_enters_by_its_change():
     ecu = rig.started(cal)
     momentum = np.cumsum(np.random.default_rng(6).standard_normal(300)) * 500.0
     start_balance(ecu, BODY, 0, round(momentum[0] * ONE))
-    left = [left_over(ecu, cal, BODY, 0, round(value * ONE)) / ONE for value in momentum]
+    left = [residual(ecu, cal, BODY, 0, round(value * ONE)) / ONE for value in momentum]
     slow = lfilter([1.0 - PASS, -(1.0 - PASS)], [1.0, -(1.0 - PASS)], momentum - momentum[0])
     np.testing.assert_allclose(left, slow, atol=0.5)
 
@@ -74,7 +74,7 @@ def test_what_is_new_is_washed_out_faster():
     ecu = rig.started(watched())
     values = np.cumsum(np.random.default_rng(7).standard_normal(300)) * 500.0
     start_balance(ecu, SPRINGS, 0, 0)
-    new = [at_once(ecu, SPRINGS, round(value * ONE), round(PASS * 2**30)) for value in values]
+    new = [high_pass(ecu, SPRINGS, round(value * ONE), round(PASS * 2**30)) for value in values]
     washed = lfilter([1.0, -1.0], [1.0, -(1.0 - PASS)], values)
     np.testing.assert_allclose(np.divide(new, ONE), washed, atol=0.5)
 
@@ -82,17 +82,17 @@ def test_what_is_new_is_washed_out_faster():
 def test_a_balance_starts_with_nothing_left_over():
     cal = watched()
     ecu = rig.started(cal)
-    leave_room(ecu, AXLES, 1000, 0)
+    raise_threshold(ecu, AXLES, 1000, 0)
     start_balance(ecu, AXLES, 5000, -7000)
     assert ecu.balance_room[AXLES] == 0
-    assert left_over(ecu, cal, AXLES, 5000, -7000) == 0
+    assert residual(ecu, cal, AXLES, 5000, -7000) == 0
 
 
 def test_room_grows_at_once_and_fades():
     ecu = rig.started(watched())
     rooms = []
     for size in [0, 1 << 20, 0, 0, 1 << 10]:
-        leave_room(ecu, BODY, size, 1 << 28)
+        raise_threshold(ecu, BODY, size, 1 << 28)
         rooms.append(ecu.balance_room[BODY])
     assert rooms == [0, 1 << 20, 3 << 18, 9 << 16, 27 << 14]
 

@@ -122,7 +122,7 @@ class Balance:
     def start(self, acting: float, momentum: float) -> None:
         self.spring, self.slow, self.past, self.room = -acting, -momentum, 0.0, 0.0
 
-    def left_over(self, acting: float, momentum: float) -> float:
+    def residual(self, acting: float, momentum: float) -> float:
         washed = self.spring + acting
         self.spring -= washed * self.wash
         self.slow += (washed - momentum - self.slow) * PASS
@@ -133,7 +133,7 @@ class Balance:
         self.past += fresh * fading
         return fresh
 
-    def leave_room(self, size: float, fading: float) -> None:
+    def raise_threshold(self, size: float, fading: float) -> None:
         self.room = max(size, self.room * (1.0 - fading))
 
 
@@ -176,7 +176,7 @@ class Floats:
         bumps += [(fast[2 * n] + fast[2 * n + 1]) * FAST[n] for n in range(2)]
         changed = b[balance.DAMPERS].new(damping, 1.0)
         b[balance.DAMPERS].room += (abs(changed) - b[balance.DAMPERS].room) / 1024.0
-        slowly = b[balance.LATERAL].left_over(acting, momentum)
+        slowly = b[balance.LATERAL].residual(acting, momentum)
         b[balance.LATERAL].spring += stretched
         by_force = b[balance.STEADY].new(side, b[balance.STEADY].wash)
         if self.judged:
@@ -184,20 +184,20 @@ class Floats:
             share = OF_SHOWN[0] if slowly * shown > 0.0 else OF_SHOWN[1]
             share += LIMIT_SHARES[1] if it.at_the_limit else 0.0
             by_moment = OF_SHOWN[2] * abs(moment)
-            b[balance.LATERAL].leave_room(share * abs(shown) + by_moment, FADING)
+            b[balance.LATERAL].raise_threshold(share * abs(shown) + by_moment, FADING)
             share = OF_FORCE[0] if slowly * by_force > 0.0 else OF_FORCE[1]
             wrong = share * abs(by_force) + OF_MOMENTS * abs(moment) + sum(bumps)
-            b[balance.STEADY].leave_room(wrong, FADING)
+            b[balance.STEADY].raise_threshold(wrong, FADING)
         names = [balance.SIDE_FORCE, balance.SPRINGS, balance.DAMPERS, balance.ACTUATORS]
         inputs = [side, 0.0, damping, moment]
-        parts = [b[name].left_over(by, 0.0) for name, by in zip(names, inputs, strict=True)]
-        inertia = b[balance.BODY].left_over(0.0, momentum)
+        parts = [b[name].residual(by, 0.0) for name, by in zip(names, inputs, strict=True)]
+        inertia = b[balance.BODY].residual(0.0, momentum)
         b[balance.SPRINGS].spring += stretched
         wrong = float(np.abs([*parts, inertia]) @ SHARES) + sum(bumps)
         if it.at_the_limit:
             wrong += float(np.abs([inertia, parts[3]]) @ LIMIT_SHARES)
-        b[balance.BODY].leave_room(wrong, FADING)
-        b[balance.SPRINGS].leave_room(0.0, QUICK)
+        b[balance.BODY].raise_threshold(wrong, FADING)
+        b[balance.SPRINGS].raise_threshold(0.0, QUICK)
         left = inertia + parts[1] + parts[2] - parts[0] - parts[3]
         calm = b[balance.BODY].room + abs(left) < CALM
         self.calm = self.calm + 1 if calm else 0
@@ -223,16 +223,16 @@ class Floats:
             of_axles.start(acting, momentum)
             for which, (value, _) in judged.items():
                 self.balances[which].past = value
-        of_axles.left_over(acting, momentum)
+        of_axles.residual(acting, momentum)
         of_axles.spring += stretched
         wrong = AXLES_ROUGH * abs(stretched)
         for which, (value, share) in judged.items():
             wrong += share * abs(self.balances[which].new(value, OF_AXLES))
-        of_axles.leave_room(wrong, OF_AXLES / 2.0)
+        of_axles.raise_threshold(wrong, OF_AXLES / 2.0)
 
     def heave(self, it: Sample) -> None:
         of_springs, strokes = self.balances[balance.HEAVE], it.strokes
-        of_springs.left_over(0.0, 0.0)
+        of_springs.residual(0.0, 0.0)
         moved = HEAVE_STRETCH[0] * (strokes[0] + strokes[1])
         moved += HEAVE_STRETCH[1] * (strokes[2] + strokes[3])
         of_springs.spring += moved

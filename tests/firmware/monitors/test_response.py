@@ -10,7 +10,7 @@ from firmware import calibration as fw
 from firmware import plausibility as sv
 from firmware.com.signals import RX_SIGNALS
 from firmware.monitors.balance import BODY, BOTH, DAMPERS, LATERAL, ONE_BALANCE, STEADY
-from firmware.monitors.response import of_force, rough, watch_model, watch_response
+from firmware.monitors.response import force_uncertainty, rough, watch_model, watch_response
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, SAFE, Ecu
 from firmware.supervisor import supervise
 
@@ -379,7 +379,7 @@ def test_a_moment_that_goes_wrong_slowly_takes_so_many_samples_in_a_row():
 )
 def test_a_lateral_force_excuses_more_to_its_own_side(force, left, room):
     cal = watched()
-    assert of_force(known(cal), cal, force, left) == pytest.approx(room, abs=1)
+    assert force_uncertainty(known(cal), cal, force, left) == pytest.approx(room, abs=1)
 
 
 @pytest.mark.parametrize(
@@ -399,11 +399,11 @@ def test_once_little_was_left_over_for_long_no_side_excuses_more(force, left, sa
     lateral, over = (round(value * STEADY_LEAST * 2**fw.Q_MOMENT) for value in (force, left))
     for _ in range(samples):
         watch_model(ecu, cal, lateral, over)
-    assert of_force(ecu, cal, 1000, 1) == pytest.approx(600 if seen else 900, abs=1)
+    assert force_uncertainty(ecu, cal, 1000, 1) == pytest.approx(600 if seen else 900, abs=1)
     # for good, where it was for long, and anew where it was not
     watch_model(ecu, cal, lateral, lateral)
     watch_model(ecu, cal, lateral, over)
-    assert of_force(ecu, cal, 1000, 1) == pytest.approx(600 if seen else 900, abs=1)
+    assert force_uncertainty(ecu, cal, 1000, 1) == pytest.approx(600 if seen else 900, abs=1)
 
 
 @pytest.mark.parametrize("state", AT_THE_LIMIT, ids=str)
