@@ -79,11 +79,8 @@ def line(fault: JudgedFault) -> str:
 
 
 def coverage_table(coverage: Sequence[Coverage]) -> PageTable:
-    """Return the diagnostic coverage by group; missed: harmful and not detected."""
-    head = (
-        *("", "faults", "detected", "harmful", "in time", "missed", "by reaction"),
-        "coverage",
-    )
+    """Return the diagnostic coverage by group; missed: harmful and not detected; reaction: harmful by it."""
+    head = ("", "faults", "detected", "harmful", "in time", "missed", "reaction", "coverage")
     rows = [
         (
             of.group,
@@ -95,7 +92,7 @@ def coverage_table(coverage: Sequence[Coverage]) -> PageTable:
         )
         for of in coverage
     ]
-    return PageTable("Diagnostic coverage", (*head, "median (ms)", "most (ms)"), rows)
+    return PageTable("Diagnostic coverage", (*head, "median", "most (ms)"), rows)
 
 
 def attacks(args: argparse.Namespace) -> int:
