@@ -79,7 +79,7 @@ def line(fault: JudgedFault) -> str:
 
 
 def coverage_table(coverage: Sequence[Coverage]) -> PageTable:
-    """Return the diagnostic coverage by group; missed: harmful and not detected; reaction: harmful by it."""
+    """Return the diagnostic coverage by group; missed: not detected; reaction: harm by it alone."""
     head = ("", "faults", "detected", "harmful", "in time", "missed", "reaction", "coverage")
     rows = [
         (
