@@ -145,6 +145,12 @@ static void compare_moment(canroll_ecu *ecu, const canroll_calibration *cal, uin
         ecu->band_low[axle + AXLES] = low;
         high = low = command;
     }
+    if (ecu->commands_sent == 0) {
+        /* what is delivered yet was commanded before a restart */
+        ecu->band_high[axle] = larger(high, moment);
+        ecu->band_low[axle] = smaller(low, moment);
+        return;
+    }
     follows = follows && status < CORNER_STUCK;
     if (follows) {
         high = larger(high, command);

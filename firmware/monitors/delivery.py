@@ -51,6 +51,10 @@ def outside(ecu: Ecu, cal: Calibration, axle: i32) -> i32:
 
 def watch_axle(ecu: Ecu, cal: Calibration, axle: i32) -> None:
     """Judge a new sample of an axle's delivered moment."""
+    if ecu.commands_sent == 0:
+        # what is delivered yet was commanded before a restart
+        widen(ecu, axle, ecu.delivered[axle])
+        return
     status: i32 = ecu.status[2 * axle] | ecu.status[2 * axle + 1]
     if (ecu.enabled & ecu.command_held) == 0 or status >= STUCK:
         # nothing follows the commands; afterwards what does starts from zero

@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from canroll.reaction import switched_off
 from canroll.runs.experiment import drive, plan
+from canroll.runs.metrics import peak
 from canroll.studies.fault_catalogue import CatalogueEntry
 from canroll.studies.fault_study import StudiedLoop, judge
 from firmware.state import ACTIVE, INIT
@@ -67,3 +69,14 @@ def test_a_force_that_is_really_lost_is_not_the_reactions(turn):
     judged = judge(loop, CatalogueEntry("forces lost", "actuator", fault, "tolerated"))
     assert judged.detected and judged.harmful
     assert not judged.by_reaction
+
+
+def test_after_a_restart_in_the_curve_the_law_is_back_and_the_car_rolls_no_more_than_without(turn):
+    settings, controller, passive, _ = turn
+    settings = replace(settings, faults=("node.RollControl=reset@1.33",))
+    trace = drive(settings, controller, enabled=True)
+    assert not trace.ticks["fault_codes"].any()
+    assert (trace.ticks["mode"][trace.ticks["t"] > 1.8] == ACTIVE).all()
+    assert peak(trace.signals["roll"]) < peak(passive.signals["roll"])
+    held = np.abs(trace.signals["moment_front"] + trace.signals["moment_rear"])
+    assert held[1330:4000].min() > 0.5 * held[1330]
