@@ -26,7 +26,7 @@ def watched(actuator: int = fw.BARS) -> fw.Calibration:
 def following(cal: fw.Calibration) -> Ecu:
     """An ECU whose actuators follow its commands."""
     ecu = rig.started(cal)
-    ecu.enabled = ecu.command_held = 1
+    ecu.enabled = ecu.command_held = ecu.commands_sent = 1
     ecu.fresh[RX_ACTUATOR_STATE] = RX_SIGNALS[RX_ACTUATOR_STATE]
     ecu.valid[RX_ACTUATOR_STATE] = 255
     return ecu
@@ -46,6 +46,18 @@ def held(ecu: Ecu, cal: fw.Calibration, command: float, front: float, *, samples
     """Hold a command; the rear axle does as it says."""
     for _ in range(samples):
         sample(ecu, cal, command, front, command)
+
+
+def test_what_is_delivered_before_the_first_command_is_of_before_a_restart():
+    cal = watched()
+    ecu = following(cal)
+    ecu.commands_sent = 0
+    held(ecu, cal, 0.0, -2000.0, samples=2 * WINDOW + SAMPLES)
+    ecu.commands_sent = 1
+    held(ecu, cal, -1900.0, -1900.0, samples=WINDOW)
+    assert ecu.contradicted == [0, 0]
+    held(ecu, cal, 0.0, -2000.0, samples=2 * WINDOW + SAMPLES)
+    assert ecu.contradicted == [1, 0]
 
 
 @pytest.mark.parametrize("actuator", [fw.SUSPENSION, fw.BARS])
@@ -110,7 +122,7 @@ def test_actuators_that_follow_again_start_from_zero(state):
     for name, value in state.items():
         setattr(ecu, name, value)
     held(ecu, cal, 3000.0, 0.0, samples=3 * WINDOW)
-    ecu.enabled = ecu.command_held = 1
+    ecu.enabled = ecu.command_held = ecu.commands_sent = 1
     ecu.status = [0] * 4
     held(ecu, cal, 3000.0, 0.0, samples=WINDOW)
     assert ecu.contradicted == [0, 0]
