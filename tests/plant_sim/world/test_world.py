@@ -221,12 +221,10 @@ def test_a_silent_ecu_is_let_go_after_the_timeout():
     world.submit(
         TICK, IDS["SuspensionForceCommand"], protect("SuspensionForceCommand", 0, **moment(2000))
     )
-    fades = round(1e3 * VEHICLE.plant.roll_period)
-    world.advance((300 + fades) * MS)
+    world.advance(600 * MS)
     signals = world.signals
     total = signals["moment_front"] + signals["moment_rear"]
     assert total[150] == pytest.approx(2000, rel=0.01)
-    assert total[165 + fades // 2] == pytest.approx(1000, rel=0.1)
     assert abs(total[-1]) < 1
     held = np.flatnonzero(signals["command_held"])
     assert 160 <= len(held) <= 161
