@@ -1,6 +1,8 @@
 """LQG and H∞ output feedback: solvers against control theory, loops on every car, slow gains."""
 
 from dataclasses import replace
+from fractions import Fraction
+from math import ceil, log, log1p
 
 import control
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 import vehicles
+from canroll.campaigns.intervals import exact
 from canroll.errors import CanrollError
 from gain_gen.analysis.family import CONDITIONS, NOMINAL, family, family_of
 from gain_gen.analysis.verify import GAIN_MARGIN_DB, PEAK_SENSITIVITY
@@ -23,6 +26,8 @@ from gain_gen.output_feedback.law import lqg
 
 LAWS = ("lqg_delay", "hinf")
 TICK = 0.01
+WORST = {"steering_lead": (4.0, 2.88), "lqg_delay": (5.2, 2.23), "hinf": (8.2, 1.65)}
+"""Gain margin (dB) and Ms that docs/design.md states of vehicles that are up to 20 % off."""
 DELAYS = {
     "500k": Delay(0.0144, 0.0056, 0.0231),
     "gateway_20ms": Delay(0.0331, 0.0161, 0.0502),
@@ -196,19 +201,38 @@ def drawn(vehicle, rng):
     return replace(vehicle, plant=body, tyre=off(vehicle.tyre, *stiffness))
 
 
+def draws_for(rate, confidence):
+    """Return of how many draws the worst is exceeded at most at a rate: (1 − r)^n ≤ 1 − confidence.
+
+    Calafiore and Campi, IEEE Trans. Automatic Control 51 (2006), for one number that is bounded.
+    """
+    return ceil(log(1.0 - confidence) / log1p(-rate))
+
+
+@pytest.mark.parametrize(("rate", "draws"), [(Fraction(1, 3), 8), (Fraction(1, 100), 299)])
+def test_no_fewer_draws_bound_the_rate(rate, draws):
+    doubt = Fraction(1, 20)
+    assert draws_for(float(rate), 0.95) == draws
+    assert (1 - rate) ** draws <= doubt < (1 - rate) ** (draws - 1)
+    # Clopper and Pearson's upper bound without an event, of which each side has half the doubt
+    assert exact(0, draws, 0.90).high <= rate < exact(0, draws - 1, 0.90).high
+
+
 @pytest.mark.parametrize("law", [*LAWS, "steering_lead"])
 @pytest.mark.parametrize("bus", DELAYS)
-def test_they_hold_on_vehicles_that_they_were_not_designed_for(law, bus, designs):
-    """Eight drawn vehicles in all ten conditions at all delays: 6 dB and Ms of 2 are left."""
+@pytest.mark.parametrize("rate", [1 / 3, pytest.param(0.01, marks=pytest.mark.long)])
+def test_they_hold_on_vehicles_that_they_were_not_designed_for(law, bus, rate, designs):
+    """Drawn vehicles in all ten conditions at all delays: at 95 % no more than a rate is worse."""
+    gain_db, sensitivity = (6.0, 2.0) if rate > 0.01 else WORST[law]
     task = task_on(bus)
     found = designs.get((law, bus)) or design(law, task)
     rng = np.random.default_rng(1)
-    for _ in range(8):
+    for _ in range(draws_for(rate, 0.95)):
         every = family(drawn(task.vehicle, rng), task.delay, tick=TICK, lag=task.lag)
         margins = every.margins(found.controller)
         assert margins.stable
-        assert margins.worst_gain.margins.gain_db > 6.0
-        assert margins.worst_sensitivity.margins.sensitivity < 2.0
+        assert margins.worst_gain.margins.gain_db > gain_db
+        assert margins.worst_sensitivity.margins.sensitivity < sensitivity
 
 
 @pytest.mark.parametrize("law", LAWS)
