@@ -14,7 +14,14 @@ from plant_sim import bodies
 from plant_sim.bodies import ports
 from plant_sim.bodies.ports import WHEELS, initial_inputs
 from plant_sim.kernels.jit import njit
-from plant_sim.nodes.imu_motion import FORCE, N_MOTION, RATE, specific_motion
+from plant_sim.nodes.imu_motion import (
+    FORCE,
+    N_MOTION,
+    RATE,
+    along,
+    mounting,
+    specific_motion,
+)
 from vehicles import Vehicle
 
 ROW = 0.002
@@ -27,7 +34,7 @@ Twice as much on a wheel with twice the load; the Runge-Kutta step of fourth ord
 SPEED_GAIN = 20.0
 """Traction per mass and error in speed (1/s): follows 3.5 m/s² within 0.2 m/s."""
 
-# Columns of a record: as an inertial unit along the body's axes gives them, levelled, and the rest.
+# Columns of a record: as an inertial unit on the body gives them, levelled, and the rest.
 BODY_YAW, BODY_AY, BODY_ROLL, YAW, AY, ROLL_RATE, ROLL, SIDESLIP, ROLLOVER, TRAVEL = range(10)
 N_COLUMNS = TRAVEL + 4
 
@@ -42,7 +49,8 @@ FRAMES: Mapping[str, Mapping[str, int]] = {
 }
 """Column of each signal by the axes of the inertial unit.
 
-"body": rates about and specific force along its own axes, with gravity's share in a roll.
+"body": rates about and specific force along its own axes, which are out of line with the body's by
+``sensors.imu_misalignment``, with gravity's share in a roll.
 "levelled": rates of the Euler angles and horizontal acceleration, as navigation units give them.
 """
 
@@ -56,6 +64,7 @@ class _Run(NamedTuple):
     speed: Vector
     moments: NDArray[np.float64]
     arm: Vector
+    mounting: Vector
     record: NDArray[np.float64]
 
 
@@ -69,8 +78,9 @@ def _drive_through(step: Any, run: _Run, mass: float, dt: float) -> None:  # noq
             specific_motion(run.inputs, run.outputs, run.arm, motion)
             roll = run.outputs[ports.ROLL]
             row = run.record[k // steps]
-            row[BODY_YAW], row[BODY_ROLL] = motion[RATE + 2], motion[RATE]
-            row[BODY_AY] = motion[FORCE + 1]
+            row[BODY_YAW] = along(run.mounting, 2, motion, RATE)
+            row[BODY_ROLL] = along(run.mounting, 0, motion, RATE)
+            row[BODY_AY] = along(run.mounting, 1, motion, FORCE)
             row[AY] = np.cos(roll) * motion[FORCE + 1] - np.sin(roll) * motion[FORCE + 2]
             row[YAW], row[ROLL_RATE] = run.outputs[ports.YAW_RATE], run.outputs[ports.ROLL_RATE]
             row[ROLL] = roll
@@ -96,7 +106,7 @@ def motion(vehicle: Vehicle, piece: Piece, steering_offset: float) -> NDArray[np
     """Drive the plant through a piece of a log, from straight running.
 
     Args:
-        vehicle: the car; ``sensors.imu_position`` is where its inertial unit sits.
+        vehicle: the car; ``sensors`` says where its inertial unit sits and how it is turned.
         piece: what was steered, how fast, and with what moments.
         steering_offset: of the measured steering-wheel angle (rad), subtracted.
 
@@ -119,7 +129,8 @@ def motion(vehicle: Vehicle, piece: Piece, steering_offset: float) -> NDArray[np
     state, parameters = body.build(vehicle, float(speed[0]))
     record = np.empty((rows, N_COLUMNS))
     arm, outputs = np.array(vehicle.sensors.imu_position), np.zeros(ports.N_OUTPUTS)
-    run = _Run(state, initial_inputs(), parameters, outputs, steer, speed, moments, arm, record)
+    turn, inputs = mounting(vehicle.sensors.imu_misalignment).ravel(), initial_inputs()
+    run = _Run(state, inputs, parameters, outputs, steer, speed, moments, arm, turn, record)
     _drive_through(body.step, run, vehicle.total_mass, dt)
     return record
 

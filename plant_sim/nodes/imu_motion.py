@@ -18,6 +18,24 @@ GRAVITY = 9.81
 RATE, FORCE, N_MOTION = 0, 3, 6
 
 
+def mounting(angles: tuple[float, float, float]) -> NDArray[np.float64]:
+    """Rotation of a vector to the axes of a unit misaligned by angles about x, y, z (rad)."""
+    (sx, sy, sz), (cx, cy, cz) = np.sin(angles), np.cos(angles)
+    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    return np.asarray((about_z @ about_y @ about_x).T, dtype=np.float64)
+
+
+@njit
+def along(mounting: NDArray[np.float64], axis: int, vector: NDArray[np.float64], at: int) -> float:
+    """Component of the vector from ``at`` on along an axis of a unit; ``mounting`` as (9,)."""
+    total = 0.0
+    for k in range(3):
+        total += mounting[3 * axis + k] * vector[at + k]
+    return total
+
+
 @njit
 def specific_motion(
     inputs: NDArray[np.float64],

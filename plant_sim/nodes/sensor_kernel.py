@@ -20,7 +20,7 @@ from plant_sim.kernels.jit import njit
 from plant_sim.kernels.random import uniform
 from plant_sim.nodes import codec, e2e
 from plant_sim.nodes.codec import Codec
-from plant_sim.nodes.imu_motion import FORCE, RATE, specific_motion
+from plant_sim.nodes.imu_motion import FORCE, RATE, along, specific_motion
 
 # Channels, in the order of the DBC's signals, node by node.
 ROLL_RATE, LATERAL, YAW_RATE = 0, 1, 2
@@ -117,24 +117,16 @@ def _low_pass(channel: NDArray[np.float64], index: int, value: float) -> None:
 
 
 @njit
-def _along(mounting: NDArray[np.float64], axis: int, vector: NDArray[np.float64], at: int) -> float:
-    total = 0.0
-    for k in range(3):
-        total += mounting[3 * axis + k] * vector[at + k]
-    return total
-
-
-@njit
 def observe(
     sensors: SensorTables, inputs: NDArray[np.float64], outputs: NDArray[np.float64]
 ) -> None:
     """Read the plant's motion at the end of a step and advance the channels' low-passes."""
     motion, turn, channel = sensors.motion, sensors.mounting, sensors.channel
     specific_motion(inputs, outputs, sensors.arm, motion)
-    _low_pass(channel, ROLL_RATE, _along(turn, 0, motion, RATE))
-    _low_pass(channel, YAW_RATE, _along(turn, 2, motion, RATE))
-    _low_pass(channel, LONGITUDINAL, _along(turn, 0, motion, FORCE))
-    _low_pass(channel, LATERAL, _along(turn, 1, motion, FORCE))
+    _low_pass(channel, ROLL_RATE, along(turn, 0, motion, RATE))
+    _low_pass(channel, YAW_RATE, along(turn, 2, motion, RATE))
+    _low_pass(channel, LONGITUDINAL, along(turn, 0, motion, FORCE))
+    _low_pass(channel, LATERAL, along(turn, 1, motion, FORCE))
     _low_pass(channel, SPEED, outputs[ports.VX])
     _low_pass(channel, STEERING, inputs[ports.STEER] * sensors.steering_ratio[0])
     for wheel in range(4):

@@ -14,7 +14,7 @@ from plant_sim.kernels.instants import NEVER
 from plant_sim.kernels.schedule import ScheduledFault
 from plant_sim.nodes import codec, codec_tables, sensor_kernel
 from plant_sim.nodes.codec import Codec
-from plant_sim.nodes.imu_motion import N_MOTION
+from plant_sim.nodes.imu_motion import N_MOTION, mounting
 from plant_sim.nodes.sensor_kernel import SensorTables
 from vehicles.model import SensorChannel, Vehicle
 
@@ -131,15 +131,6 @@ def _channels(vehicle: Vehicle) -> list[SensorChannel | None]:
     imu = [data.roll_rate, data.lateral_acceleration, data.yaw_rate]
     motion = [data.speed, data.steering_wheel, data.longitudinal_acceleration]
     return [*imu, *motion, *[data.suspension_rate] * 4, *[data.suspension_travel] * 4, *[None] * 3]
-
-
-def _rotation(angles: tuple[float, float, float]) -> NDArray[np.float64]:
-    """Rotation of a vector to the axes of a sensor misaligned by angles about x, y, z (rad)."""
-    (sx, sy, sz), (cx, cy, cz) = np.sin(angles), np.cos(angles)
-    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
-    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
-    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
-    return np.asarray((about_z @ about_y @ about_x).T, dtype=np.float64)
 
 
 def signal_channel(name: str) -> int:
@@ -322,7 +313,7 @@ def build(
         fault,
         value,
         np.zeros((sensor_kernel.FAULTS, sensor_kernel.HISTORY)),
-        _rotation(vehicle.sensors.imu_misalignment).ravel(),
+        mounting(vehicle.sensors.imu_misalignment).ravel(),
         np.array(vehicle.sensors.imu_position),
         np.zeros(N_MOTION),
         np.array([vehicle.steering.ratio]),
