@@ -115,7 +115,7 @@ class Calibration:
     schedule_points: Annotated[u8, F(1, N_POINTS, 0, "", "points of the speed schedule")]
 
     # offset learning
-    offset_shift: Annotated[u8, F(1, 20, 0, "", "offset += error >> shift per tick")]
+    offset_shift: Annotated[u8, F(1, 62, 0, "", "shift of its gain")]
 
     # identity
     id: Annotated[i32, F(0, LARGE, 0, "", "identifies the calibration")]
@@ -267,6 +267,7 @@ class Calibration:
     # offset learning
     straight_steering: Annotated[i32, F(0, STATE_MAX, 24, "rad", "wheel angle in straight running")]
     straight_yaw_rate: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "and yaw rate")]
+    offset_gain: Annotated[i32, F(0, COEFFICIENT, 0, "", "of the error to the offset per sample")]
     offset_rate_max: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "largest roll-rate offset")]
     offset_acceleration_max: Annotated[
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "largest lateral-acceleration offset")
@@ -304,6 +305,11 @@ class Calibration:
     redundancy_limit: Annotated[
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "end of the tyres' linear range")
     ]
+    redundancy_pass: Annotated[
+        list[i32],
+        4,
+        F(0, ONE, Q_UNIT, "", "weights per sample: fading of the range, of a_y; mirror's two"),
+    ]
     opposite_min: Annotated[
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "least a_y and yaw rate times speed")
     ]
@@ -331,6 +337,9 @@ class Calibration:
     # erratic monitor
     erratic_scale: Annotated[
         list[i32], 5, F(0, STATE_MAX, 0, "", "by signal: 2**42 over the largest bend, 0: off")
+    ]
+    erratic_kept: Annotated[
+        list[i32], 5, F(0, ONE - ONE // 128, Q_UNIT, "", "by signal: of its sum per sample")
     ]
     erratic_samples: Annotated[
         list[i32], 2, F(0, 1000, 0, "", "of one tick or frame: inertial unit, motion")
@@ -399,6 +408,7 @@ class Calibration:
         i32, F(0, COEFFICIENT, 10, "N·m·s", "effective roll inertia over the low-pass's time")
     ]
     response_pass: Annotated[i32, F(0, ONE, Q_UNIT, "", "low-pass: its weight per tick")]
+    response_mean: Annotated[i32, F(0, ONE, Q_UNIT, "", "mean of changes: its weight per tick")]
     response_wash: Annotated[
         list[i32],
         3,

@@ -177,13 +177,14 @@ def learn_offsets(ecu: Ecu, cal: Calibration) -> None:
     )
     if ecu.speed > 0 and (turning == 1 or ecu.speed < cal.fade_high):
         return
-    rate: i32 = shifted(ecu.roll_rate - ecu.offset_rate, cal.offset_shift)
+    rate: i32 = product(ecu.roll_rate - ecu.offset_rate, cal.offset_gain, cal.offset_shift)
     if (ecu.fresh[RX_IMU] & 1) == 0:
         rate = 0
     ecu.offset_rate = clamp(ecu.offset_rate + rate, -cal.offset_rate_max, cal.offset_rate_max)
     if ecu.speed == 0 or (ecu.fresh[RX_IMU] & 2) == 0:
         return
-    lateral: i32 = shifted(ecu.lateral_acceleration - ecu.offset_acceleration, cal.offset_shift)
+    error: i32 = ecu.lateral_acceleration - ecu.offset_acceleration
+    lateral: i32 = product(error, cal.offset_gain, cal.offset_shift)
     ecu.offset_acceleration = clamp(
         ecu.offset_acceleration + lateral,
         -cal.offset_acceleration_max,

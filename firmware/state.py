@@ -168,7 +168,7 @@ class Ecu:
     erratic_last: Annotated[list[i32], 5, F(STATE_MIN, STATE_MAX, 0, "", "last sample")]
     erratic_step: Annotated[list[i32], 5, F(STATE_MIN, STATE_MAX, 0, "", "step to it")]
     erratic_sum: Annotated[
-        list[i32], 5, F(-1 << 20, 1 << 20, 12, "", "squares of second differences, fading")
+        list[i32], 5, F(-1 << 23, 1 << 23, 12, "", "squares of second differences, fading")
     ]
 
     # delivery monitor

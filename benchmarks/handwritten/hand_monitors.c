@@ -41,8 +41,9 @@ static void compare_lateral(canroll_ecu *ecu, const canroll_calibration *cal)
     const int32_t turning = state_of((int64_t)ecu->speed * ecu->yaw_rate, 23);
     const int32_t motion = smaller(larger(size_of(turning), size_of(steered)), STATE_MAX);
     const int32_t least = cal->opposite_min;
-    const int32_t peak = larger(motion, ecu->motion_peak - ((ecu->motion_peak + 1024) >> 11));
-    const int32_t now = larger(motion, ecu->motion_now - ((ecu->motion_now + 64) >> 7));
+    const int32_t *fading = cal->redundancy_pass;
+    const int32_t peak = larger(motion, ecu->motion_peak - product(ecu->motion_peak, fading[0], 30));
+    const int32_t now = larger(motion, ecu->motion_now - product(ecu->motion_now, fading[1], 30));
     bool apart;
     ecu->motion_peak = peak;
     ecu->motion_now = now;
@@ -85,13 +86,13 @@ static bool turned_away(canroll_ecu *ecu, int32_t told, int32_t turning, int32_t
     return ecu->unit_away;
 }
 
-/* Whether unit and steering agree, or are mirror images: both filters by shifts. */
+/* Whether unit and steering agree, or are mirror images. */
 static void compare_mirror(canroll_ecu *ecu, const canroll_calibration *cal)
 {
     const int32_t told = ecu->lateral_acceleration;
     const int32_t turning = state_of((int64_t)ecu->speed * ecu->yaw_rate, 23);
     const int32_t slow = bits_31(ecu->steered_slow
-        + (int32_t)(((int64_t)ecu->steering_acceleration - ecu->steered_slow + 4) >> 3));
+        + product(ecu->steering_acceleration - ecu->steered_slow, cal->redundancy_pass[2], 30));
     int32_t near, far;
     int64_t nearer;
     ecu->steered_slow = slow;
@@ -104,7 +105,7 @@ static void compare_mirror(canroll_ecu *ecu, const canroll_calibration *cal)
     far = smaller(larger(size_of(turning + slow), size_of(told + slow)), STATE_MAX);
     nearer = (int64_t)near - far - ((far + 1) >> 1);
     nearer = ((nearer < STATE_MIN) ? STATE_MIN : nearer) - ecu->mirrored;
-    ecu->mirrored += (int32_t)((nearer + 8) >> 4);
+    ecu->mirrored += product((int32_t)nearer, cal->redundancy_pass[3], 30);
     if (ecu->mirrored > cal->mirror_min && ecu->motion_peak < cal->mirror_limit) {
         ecu->motion_contradicted = 1;
     }

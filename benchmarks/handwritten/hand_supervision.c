@@ -304,7 +304,7 @@ static uint32_t judge_bend(canroll_ecu *ecu, const canroll_calibration *cal, int
     known = (valid == 0) ? 0 : (joined ? ecu->erratic_known[k] + 1 : 1);
     known = (known > 3) ? 3 : known;
     ecu->erratic_known[k] = (uint8_t)known;
-    ecu->erratic_sum[k] = (7 * ecu->erratic_sum[k] + 4) >> 3;
+    ecu->erratic_sum[k] = product(ecu->erratic_sum[k], cal->erratic_kept[k], 30);
     if (known == 3) {
         bend = limit(product(bend, cal->erratic_scale[k], 30), -(1 << 14), 1 << 14);
         ecu->erratic_sum[k] += (bend * bend + (1 << 11)) >> 12;

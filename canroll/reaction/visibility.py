@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from canroll.reaction.reaction import ObservedTrace
 from canroll.typing import Vector
-from firmware.monitors.redundancy import FADING
-from gain_gen.monitors.bank import Bank, Residual, ticks_of
+from gain_gen.monitors.bank import TRUST, Bank, Residual, ticks_of, weight
 from gain_gen.monitors.evaluation import Signals, fading, moved, room
 from plant_sim.nodes import codec, codec_tables, e2e
 from plant_sim.nodes.sensors import PER_UNIT
@@ -123,7 +122,7 @@ def visibility(
 def _share(bank: Bank, residual: Residual, measured: Signals, wrong: Signals) -> float:
     """Return the largest share that lasts for the residual's time, to one side, where it holds."""
     motion = np.maximum(np.abs(measured["turning"]), np.abs(measured["steered"]))
-    held = fading(motion, 1.0 - 0.5**FADING)
+    held = fading(motion, 1.0 - weight(TRUST, bank.tick))
     memory = max(
         part.memory(bank.tick) * bank.tick if part.washout else part.low_pass
         for part in (bank.parts[term.part] for term in residual.terms if term.sign)

@@ -28,8 +28,6 @@ ACTUATORS = 8
 NOTHING = 0
 ONE_BALANCE = 1
 BOTH = 2
-# the mean of what a rough road makes forgets by this power of two in a tick
-MEAN = 10
 
 
 def start_balance(ecu: Ecu, which: i32, acting: i32, momentum: i32) -> None:
@@ -89,7 +87,7 @@ def raise_threshold(ecu: Ecu, which: i32, size: i32, fading: i32) -> None:
     ecu.balance_room[which] = clamp(size, room - product(room, fading, 30), STATE_MAX)
 
 
-def mean_change(ecu: Ecu, which: i32, value: i32) -> i32:
+def mean_change(ecu: Ecu, cal: Calibration, which: i32, value: i32) -> i32:
     """Return the mean magnitude by which an input changes in a tick; ``value`` is the newest.
 
     What samples that come early, late, twice or not at all are wrong by follows it.
@@ -98,7 +96,8 @@ def mean_change(ecu: Ecu, which: i32, value: i32) -> i32:
     # road, and the least force for heave, are more than what adds up
     change: i32 = magnitude(high_pass(ecu, which, value, ONE))
     mean: i32 = ecu.balance_room[which]
-    mean = clamp(mean - rsh(mean, MEAN) + rsh(change, MEAN), 0, STATE_MAX)
+    fading: i32 = rsh(mean * cal.response_mean, 30)
+    mean = clamp(mean - fading + rsh(change * cal.response_mean, 30), 0, STATE_MAX)
     ecu.balance_room[which] = mean
     return mean
 

@@ -2,7 +2,7 @@
 
 From sample to sample a car's motion bends little: the second difference is small, whatever the
 manoeuvre, and a steady change has none. Squared in units of the largest that may be, it is summed
-up over a window that forgets an eighth with each sample: the sum exceeds one soon after a jump and
+up over a window that forgets a share with each sample: the sum exceeds one soon after a jump and
 while a signal is noisy. It is reported until the sum has faded, and changes no mode: a jump may be
 a spike, and what wrong values do is judged by the other monitors.
 
@@ -32,7 +32,7 @@ def watch_signal(ecu: Ecu, cal: Calibration, k: i32, value: i32, known: i32) -> 
     bend: i32 = sat31(step - ecu.erratic_step[k])
     ecu.erratic_last[k] = value
     ecu.erratic_step[k] = step
-    total: i32 = rsh(7 * ecu.erratic_sum[k], 3)
+    total: i32 = rsh(ecu.erratic_sum[k] * cal.erratic_kept[k], 30)
     ecu.erratic_known[k] = byte(clamp(ecu.erratic_known[k] + 1, 0, known))
     if ecu.erratic_known[k] == KNOWN:
         bend = clamp(rsh(bend * cal.erratic_scale[k], 30), -MOST, MOST)

@@ -36,6 +36,6 @@ def watch_heave(ecu: Ecu, cal: Calibration) -> None:
     moved: i32 = sat31(front + rear)
     more: i32 = residual(ecu, cal, HEAVE, 0, 0)
     stretch(ecu, HEAVE, moved)
-    mean: i32 = mean_change(ecu, HEAVE, moved)
+    mean: i32 = mean_change(ecu, cal, HEAVE, moved)
     late: i32 = product(mean, cal.heave_late, 10)
     accuse_axles(ecu, HEAVE, more, sat31(cal.heave_min + late), cal.heave_ticks)

@@ -19,13 +19,13 @@ from firmware.subset import clamp, i32, rsh, sat31
 
 # bits of ecu.valid of an Imu frame: lateral acceleration and yaw rate
 LATERAL_AND_YAW = 6
-# the largest motion of the others fades by these powers of two a sample: in 20 s to tell whether
-# the tyres can be trusted, in 1.3 s for the distance that is expected
-FADING = 11
-EASING = 7
-# low-passes of the mirror image: the motion follows steering in 0.08 s, and 0.16 s are averaged
-FOLLOWING = 3
-AVERAGING = 4
+# weights: the largest motion of the others fades slowly to tell whether the tyres can be trusted,
+# faster for the distance that is expected
+TRUST = 0
+DISTANCE = 1
+# the mirror image: the motion follows steering, and what is nearer is averaged
+FOLLOWING = 2
+AVERAGING = 3
 
 
 def lasting(count: i32, bad: i32, samples: i32) -> i32:
@@ -77,8 +77,10 @@ def watch_lateral_acceleration(ecu: Ecu, cal: Calibration) -> None:
     turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
     steered: i32 = ecu.steering_acceleration
     motion: i32 = clamp(magnitude(turning), magnitude(steered), STATE_MAX)
-    ecu.motion_peak = clamp(motion, ecu.motion_peak - rsh(ecu.motion_peak, FADING), STATE_MAX)
-    ecu.motion_now = clamp(motion, ecu.motion_now - rsh(ecu.motion_now, EASING), STATE_MAX)
+    faded: i32 = ecu.motion_peak - rsh(ecu.motion_peak * cal.redundancy_pass[TRUST], 30)
+    ecu.motion_peak = clamp(motion, faded, STATE_MAX)
+    faded = ecu.motion_now - rsh(ecu.motion_now * cal.redundancy_pass[DISTANCE], 30)
+    ecu.motion_now = clamp(motion, faded, STATE_MAX)
     apart: i32 = frozen(ecu, cal, lateral, turning)
     if ecu.motion_peak < cal.redundancy_limit:
         limit: i32 = with_share(cal.redundancy_min, ecu.motion_now, cal.redundancy_share)
@@ -112,8 +114,8 @@ def watch_mirror_image(ecu: Ecu, cal: Calibration) -> None:
     """Judge whether lateral acceleration and yaw rate are what steering gives, or its negative."""
     lateral: i32 = ecu.lateral_acceleration
     turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
-    slow: i32 = ecu.steered_slow
-    slow = sat31(slow + rsh(ecu.steering_acceleration - slow, FOLLOWING))
+    behind: i32 = ecu.steering_acceleration - ecu.steered_slow
+    slow: i32 = sat31(ecu.steered_slow + rsh(behind * cal.redundancy_pass[FOLLOWING], 30))
     ecu.steered_slow = slow
     watch_side(ecu, cal, lateral, turning)
     if ecu.unit_away == 0:
@@ -122,7 +124,8 @@ def watch_mirror_image(ecu: Ecu, cal: Calibration) -> None:
     to_it: i32 = clamp(magnitude(turning - slow), 0, magnitude(lateral - slow))
     to_mirror: i32 = clamp(magnitude(turning + slow), magnitude(lateral + slow), STATE_MAX)
     nearer: i32 = sat31(to_it - to_mirror - rsh(to_mirror, 1))
-    ecu.mirrored = sat31(ecu.mirrored + rsh(nearer - ecu.mirrored, AVERAGING))
+    change: i32 = rsh((nearer - ecu.mirrored) * cal.redundancy_pass[AVERAGING], 30)
+    ecu.mirrored = sat31(ecu.mirrored + change)
     if ecu.mirrored > cal.mirror_min and ecu.motion_peak < cal.mirror_limit:
         ecu.motion_contradicted = 1
 

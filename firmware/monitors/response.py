@@ -234,7 +234,7 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
         raise_threshold(ecu, SPRINGS, product(cal.response_limit, cal.response_lateral, 20), 0)
     stretched: i32 = product(damping, cal.response_stretch, 30)
     bumpy: i32 = rough(ecu, cal)
-    mean_change(ecu, DAMPERS, damping)
+    mean_change(ecu, cal, DAMPERS, damping)
     wrong: i32 = residual(ecu, cal, LATERAL, acting, momentum)
     stretch(ecu, LATERAL, stretched)
     by_force: i32 = high_pass(ecu, STEADY, lateral, washout(ecu, cal, STEADY))

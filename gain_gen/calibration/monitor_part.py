@@ -12,9 +12,14 @@ from firmware import calibration as fw
 from gain_gen.calibration.rows import quantise, shares
 from gain_gen.laws import WITHOUT_ROLL_RATE
 from gain_gen.models.task import Task
+from gain_gen.monitors.bank import TRUST, weight
 from gain_gen.monitors.residuals import LATERAL_TIME, LINEAR, lateral_gap
 from gain_gen.monitors.uncertainty import Uncertainty
 
+FADING = TRUST, 2.0**-7
+"""By which the largest motion fades in 10 ms: in 20 s, and for the distance expected in 1.3 s."""
+MIRROR_PASS = 1 / 8, 1 / 16
+"""Low-passes of the mirror image: weights for 10 ms, of steering in 0.08 s and a mean of 0.16 s."""
 OPPOSITE = 1.5
 """Magnitude of lateral acceleration and of yaw rate times speed that may not oppose, m/s²."""
 BOUND_TIME = 0.1
@@ -35,6 +40,8 @@ CLOCK_WINDOW = 2.0
 CLOCK = 0.04
 """By which they may differ from the ECU's ticks, s: 2 % of the window, and all that the time of a
 frame on the bus may vary by."""
+ERRATIC_KEPT = 7 / 8
+"""Of the sum of squared second differences, from one sample to the next, as often as these."""
 ERRATIC = 0.4, 8.0, 0.09, 1.0, 0.7
 """Largest second difference of samples 10 ms (inertial unit) and 20 ms (speed, steering) apart:
 roll rate, rad/s; lateral acceleration, m/s², which reaches 4.1 on a rough road (class C); yaw rate,
@@ -60,6 +67,9 @@ def monitor_fields(task: Task, box: Uncertainty) -> dict[str, int | list[int]]:
         "redundancy_min": round(gap * 2.0**fw.Q_ACCELERATION),
         "redundancy_share": shares([share], "redundancy_share")[0],
         "redundancy_limit": round(LINEAR * 2.0**fw.Q_ACCELERATION),
+        "redundancy_pass": [
+            round(weight(of_10_ms, imu) * fw.ONE) for of_10_ms in (*FADING, *MIRROR_PASS)
+        ],
         "opposite_min": round(OPPOSITE * 2.0**fw.Q_ACCELERATION),
         "slide_max": quantise(lock / imu, fw.Q_SLIDE, 0, fw.STATE_MAX, name="slide_max"),
         "apart_samples": max(2, round(LATERAL_TIME / imu)),
@@ -85,16 +95,17 @@ def clock_fields(task: Task, period: float) -> dict[str, int | list[int]]:
 def erratic_fields(task: Task) -> dict[str, int | list[int]]:
     """Return the fields of the erratic monitor; a slower loop sees more bend of its samples."""
     periods = [dbc.period(message) for message in ("Imu", "VehicleMotion")]
-    stretched = [(max(1.0, task.tick / period)) ** 2 for period in periods]
+    longer = [max(1.0, task.tick / period) for period in periods]
     formats = fw.Q_RATE, fw.Q_ACCELERATION, fw.Q_RATE, fw.Q_SPEED, 24
     scales = [
-        round(2.0 ** (42 - q) / (most * stretched[k > 2]))
+        round(2.0 ** (42 - q) / (most * longer[k > 2] ** 2))
         for k, (most, q) in enumerate(zip(ERRATIC, formats, strict=True))
     ]
     if task.observer in WITHOUT_ROLL_RATE:
         scales[0] = 0
     return {
         "erratic_scale": [0] * len(scales) if task.observer == "reference" else scales,
+        "erratic_kept": [round(ERRATIC_KEPT ** longer[k > 2] * fw.ONE) for k in range(len(scales))],
         "erratic_samples": [max(1, round(task.tick / period)) for period in periods],
         "erratic_gap": [max(1, round(period / task.tick)) for period in periods],
     }

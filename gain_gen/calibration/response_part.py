@@ -10,7 +10,7 @@ from math import pi
 from firmware import calibration as fw
 from gain_gen.calibration.rows import quantise, shares
 from gain_gen.models.task import Task
-from gain_gen.monitors.bank import LOW_PASS, Residual, ticks_of
+from gain_gen.monitors.bank import LOW_PASS, MEAN, Residual, ticks_of
 from gain_gen.monitors.linear_car import axle_forces, car_of, effective_inertia, rolled
 from gain_gen.monitors.noise import late
 from gain_gen.monitors.residuals import (
@@ -168,6 +168,7 @@ def _model(vehicle: Vehicle, tick: float) -> Fields:
         "response_lateral": coefficient(roll.roll_arm, "response_lateral"),
         "response_inertia": coefficient(inertia / LOW_PASS, "response_inertia"),
         "response_pass": round(tick / LOW_PASS * fw.ONE),
+        "response_mean": round(tick / MEAN * fw.ONE),
     }
 
 

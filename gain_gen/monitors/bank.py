@@ -6,7 +6,7 @@ Chow and Willsky 1984, Gertler 1998).
 """
 
 from dataclasses import dataclass
-from math import ceil, inf, pi
+from math import ceil, inf, pi, pow
 
 DIRECT, INTEGRAL, DERIVATIVE, STEP = "direct", "integral", "derivative", "step"
 """Kinds of parts; "step" is the mean magnitude of a signal's steps."""
@@ -21,8 +21,10 @@ LOW_PASS = 0.05
 """Time constant of the low-pass, s."""
 FADING = 8.0 * LOW_PASS
 """Time in which a threshold fades, s, but where a residual says otherwise."""
-MEAN = 10.0
+MEAN = 10.24
 """Time over which the mean magnitude of steps is taken, s."""
+TRUST = 2.0**-11
+"""By which the largest motion fades in 10 ms to tell whether the tyres are linear: in 20 s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +89,11 @@ class Bank:
     parts: dict[str, ResidualPart]
     residuals: tuple[Residual, ...]
     tick: float
+
+
+def weight(of_10_ms: float, period: float) -> float:
+    """Return the weight per sample, every ``period`` s, of a low-pass by that for 10 ms."""
+    return 1.0 - pow(1.0 - of_10_ms, period / 0.01)
 
 
 def ticks_of(time: float, tick: float) -> int:

@@ -262,13 +262,15 @@ def calibration(
     cal.schedule_front_share = [round(1.99 / 3.5 * 2**30)] * 8
     cal.fade_low, cal.fade_high = round(5 / 3.6 * 2**20), round(10 / 3.6 * 2**20)
     cal.straight_steering, cal.straight_yaw_rate = round(0.03 * 2**24), round(0.01 * 2**27)
-    cal.offset_shift = 8
+    cal.offset_gain, cal.offset_shift = 1, 8
     cal.offset_rate_max, cal.offset_acceleration_max = round(0.035 * 2**27), round(0.5 * 2**24)
     cal.heartbeat_ticks, cal.status_ticks = per(0.05), per(0.1)
     # there and back, as a design has it
     cal.acknowledge_ticks = max(3, 2 * predict_steps + 2)
     cal.delivery_window, cal.delivery_samples, cal.response_ticks = 8, 4, 20
     cal.apart_samples, cal.bound_samples = 8, 10
+    cal.redundancy_pass = [2**19, 2**23, 2**27, 2**26]
+    cal.erratic_kept, cal.response_mean = [7 * 2**27] * 5, 2**20
     # as wide as it gets: tests of the law are not those of the envelope or of the speed
     cal.speed_noise = 200 << 20
     cal.envelope_moment = cal.envelope_slew = cal.envelope_outward = fw.STATE_MAX

@@ -130,7 +130,7 @@ def test_status_and_diagnostics_come_in_their_period_from_the_start():
 
 def straight(**changes):
     """Straight ahead at full speed with sensors that are off by 256 units."""
-    cal = rig.calibration(offset_learning=1, offset_shift=8, **changes)
+    cal = rig.calibration(offset_learning=1, **changes)
     ecu = rig.started(cal)
     ecu.fresh[RX_IMU], ecu.motion_lost = RX_SIGNALS[RX_IMU], 0
     ecu.speed = cal.fade_high

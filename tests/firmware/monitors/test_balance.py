@@ -98,11 +98,12 @@ def test_room_grows_at_once_and_fades():
 
 
 def test_the_mean_change_follows_that_of_an_input():
-    ecu = rig.started(watched())
+    cal = watched()
+    ecu = rig.started(cal)
     random = np.random.default_rng(8)
     values = 300.0 * random.standard_normal(6000)
     for value in values:
-        mean = mean_change(ecu, DAMPERS, round(value * ONE))
+        mean = mean_change(ecu, cal, DAMPERS, round(value * ONE))
     # forgotten in 1024 samples; of normal noise a change is 2/sqrt(pi) deviations on average
     assert mean / ONE == pytest.approx(300.0 * 2.0 / np.sqrt(np.pi), rel=0.05)
 

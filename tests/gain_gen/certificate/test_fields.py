@@ -38,11 +38,12 @@ REASONS = {
     ),
     "assumed: every tick has a new sample of each sensor, and the loop is active": (
         *("e2e", "e2e_max_delta", "e2e_max_repeated", "e2e_sync", "init_ticks", "recovery_ticks"),
-        *("ramp_ticks", "stuck_ticks", "correction_single", "correction_single_shift"),
+        *("ramp_ticks", "release_ticks", "stuck_ticks", "correction_single"),
+        "correction_single_shift",
     ),
     "assumed: the estimates of offsets stand still": (
         *("offset_learning", "offset_shift", "straight_steering", "straight_yaw_rate"),
-        *("offset_rate_max", "offset_acceleration_max"),
+        *("offset_gain", "offset_rate_max", "offset_acceleration_max"),
     ),
     "assumed: no limit of moment, slew, corner or estimate acts": (
         *("moment_max", "slew_max", "force_max", "bar_max", "share_slack", "bias_max"),
@@ -61,6 +62,7 @@ REASONS = {
     ),
     "faults are not covered: monitors act on nothing else": (
         *("redundancy_min", "redundancy_share", "redundancy_limit", "opposite_min", "slide_max"),
+        *("redundancy_pass", "erratic_kept", "response_mean"),
         *("apart_samples", "bound_samples", "mirror_limit", "mirror_min", "clock_period"),
         *("clock_limit", "clock_window", "erratic_scale", "erratic_samples", "erratic_gap"),
         *("delivery_window", "delivery_samples", "delivery_min", "delivery_share", "rolling_min"),
@@ -71,7 +73,7 @@ REASONS = {
         *("response_wash", "steady_min", "steady_share", "lateral_share", "axles_ticks"),
         *("axles_min", "axles_rest", "axles_limit", "axles_stretch", "axles_damping", "axles_side"),
         *("axles_rough", "axles_rear", "axles_lateral", "axles_yaw", "heave_min", "heave_late"),
-        *("heave_ticks", "heave_stretch"),
+        *("heave_ticks", "heave_stretch", "speed_fall", "speed_noise"),
     ),
 }
 """Fields that the checker does not read, by the reason."""
