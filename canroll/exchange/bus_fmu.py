@@ -77,7 +77,7 @@ def write(path: Path, network: Network, ports: Mapping[str, int], *, title: str)
     payload = ArrayKind(np.dtype(np.uint8), (layout.MAX_PAYLOAD,))
     prototypes = [
         translator.entry(
-            queues.submit, (state, INT, INT, INT, INT, payload, INT, INT), "bus_submit"
+            queues.submit, (state, INT, INT, INT, INT, payload, INT, INT, INT), "bus_submit"
         ),
         translator.entry(scheduler.step, (state, INT), "bus_step"),
         translator.entry(scheduler.next_end_ns, (state,), "bus_next_end_ns"),

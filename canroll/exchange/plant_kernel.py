@@ -49,8 +49,13 @@ def post(  # noqa: PLR0917
     length: int,
     payload: Payload,
     flags: int,
+    bits: int,
+    late_ns: int,
 ) -> None:
-    """Put a frame into the queue, behind those of the same instant; what has no room is lost."""
+    """Put a frame into the queue, behind those of the same instant; what has no room is lost.
+
+    ``bits`` and ``late_ns`` are for networks, which keep them with the frame.
+    """
     if queue.count >= QUEUE:
         return
     at = queue.count

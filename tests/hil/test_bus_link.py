@@ -142,6 +142,7 @@ def test_programs_of_a_shared_bus_name_themselves_and_notice_its_end_at_once(sha
             program.connection.shutdown(socket.SHUT_RDWR)
         with pytest.raises(VerdictError, match=r"simbus_shared .*'plant': the bus is gone"):
             waiting.result(60)
+            plant.next(2.0)
         with pytest.raises(VerdictError, match=r"simbus_shared .*'ecu': the bus is gone"):
             ecu.next(1.0)
     plant.close()

@@ -186,7 +186,7 @@ bool model_receive(model *m, fmu_buffer *tx, size_t port, const uint8_t *operati
     }
     kernel_error = NULL;
     bool queued = bus_submit(&m->bus, bus_ports[port], now_ns, frame.ident, frame.length,
-                             frame.data, flags, 0) != 0;
+                             frame.data, flags, 0, 0) != 0;
     if (kernel_error != NULL || !queued) {
         snprintf(why->text, sizeof why->text, "frame %X: %s", (unsigned)frame.ident,
                  kernel_error != NULL ? kernel_error : "too many frames wait on the bus");

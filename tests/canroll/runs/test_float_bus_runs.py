@@ -22,5 +22,5 @@ def test_the_figures_are_those_of_integers(tmp_path):
     # the integers' steps are coarser: 0.005 deg/s, 0.001 m/s2, 0.25 N m
     # and what stays far below such a step (a ride of 0.009 m/s2) within a tenth of it
     figures = asdict(real.controlled_metrics)
-    assert figures == pytest.approx(asdict(own.controlled_metrics), rel=2e-3, abs=1e-4)
+    assert figures == pytest.approx(asdict(own.controlled_metrics), rel=3e-3, abs=1e-4)
     assert figures["moment_max_nm"] > 100.0

@@ -11,7 +11,7 @@ from codegen.run import ecu_traffic
 from codegen.run.backends import PythonEcu
 from codegen.run.bus_firmware import built_in, of_bus, with_services
 from firmware.event_trigger import command_slot
-from firmware.state import N_FAULT_CODES, TX_STATUS
+from firmware.state import N_FAULT_CODES, SAFE, TX_STATUS
 
 RECORD = ecu_traffic.random_calibration(7)
 
@@ -45,6 +45,7 @@ def test_a_slot_that_is_still_pending_is_overwritten_and_its_counter_goes_on():
     """Of a driver that never sends: the newest frame counts, and the counter tells the lost."""
     record = ecu_traffic.random_calibration(3)
     ecu = PythonEcu(record)
+    ecu.state.mode = SAFE
     slots, box = (command_slot(record), TX_STATUS), built_in().bus.transmitted
     heard = {slot: [] for slot in slots}
     for _ in range(3 * record.status_ticks + 3 * record.heartbeat_ticks):

@@ -16,7 +16,13 @@ from codegen.run import bus_firmware, cortex, ecu_traffic, memory_image, native
 from codegen.run import qemu as qemu_run
 from codegen.run import unicorn as unicorn_run
 from codegen.subset.program import FIRMWARE, copy_sources, source_files
-from firmware.calibration import COMPENSATOR, OUTPUT_FEEDBACK, STATE_FEEDBACK, Calibration
+from firmware.calibration import (
+    COMPENSATOR,
+    OUTPUT_FEEDBACK,
+    STATE_FEEDBACK,
+    STATE_MAX,
+    Calibration,
+)
 from firmware.state import ACTIVE, DEGRADED, Ecu
 from firmware.subset import fields
 
@@ -203,14 +209,19 @@ def test_qemu_is_native(firmware):
 
 @pytest.mark.slow
 def test_what_a_stage_gives_is_limited_as_what_a_law_gives():
-    most = staged(HEAD + MOMENT + '    """Most."""\n    return 2147483647\n')
-    limits = {"moment_max": 500 << 14, "slew_max": 300 << 14}
+    least = staged(HEAD + MOMENT + '    """Least."""\n    return -2147483647\n')
+    limits = {"moment_max": 500 << 14, "slew_max": 300 << 14, "ramp_ticks": 1}
+    limits |= dict.fromkeys(("envelope_moment", "envelope_slew", "envelope_outward"), STATE_MAX)
+    limits |= {"schedule_gain": [1 << 28] * 8, "fade_low": 0, "fade_high": 1}
     traffic = ecu_traffic.random_traffic(5, 60)
-    record = active(most, traffic, law=STATE_FEEDBACK, actuator=0, compensator_outputs=1, **limits)
-    moments = [ecu.moment for ecu in python_states(most, record, traffic)]
-    assert max(moments) == limits["moment_max"]
-    rises = np.diff([0, *moments]) / np.clip(traffic.elapsed, 1, 16)
-    assert max(rises) == limits["slew_max"]
+    record = active(least, traffic, law=STATE_FEEDBACK, actuator=0, compensator_outputs=1, **limits)
+    seen = [(ecu.moment, ecu.mode) for ecu in python_states(least, record, traffic)]
+    moments, modes = np.array(seen).T
+    assert min(moments) == -limits["moment_max"]
+    # at its start the law takes over what is delivered
+    goes_on = np.isin(modes[:-1], (ACTIVE, DEGRADED))
+    rises = np.diff(moments) / np.clip(traffic.elapsed[1:], 1, 16)
+    assert min(rises[goes_on]) == -limits["slew_max"]
 
 
 @pytest.mark.slow
