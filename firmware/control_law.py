@@ -18,12 +18,10 @@ from firmware.calibration import (
     Calibration,
 )
 from firmware.fixed_point import product, shifted, weighted
+from firmware.monitors.rolling import YAW
 from firmware.plausibility import BAD_ACCELERATION
 from firmware.state import ACTIVE, DEGRADED, LATERAL, ROLL, ROLL_RATE, RX_IMU, Ecu
 from firmware.subset import clamp, i32, i64, rsh, sat31
-
-# bit of ecu.valid of the inertial unit
-YAW = 4
 
 
 def rate_input(ecu: Ecu, cal: Calibration) -> i32:

@@ -1,6 +1,7 @@
 """Equipment of a vehicle: roll actuators of four kinds, sensors, and what the wind meets."""
 
 from dataclasses import dataclass
+from math import pi, sqrt
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +91,11 @@ class SensorChannel:
     range: float
     bandwidth: float
     latency: float
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of one sample: white noise through a filter of first order."""
+        return self.noise_density * sqrt(pi / 2.0 * self.bandwidth)
 
 
 @dataclass(frozen=True, slots=True)

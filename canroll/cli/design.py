@@ -2,7 +2,7 @@
 
 import argparse
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -20,7 +20,7 @@ from canroll.setup.controller import calibrated, options_of, task_of
 from canroll.setup.own_stages import stage_of
 from codegen.export.header import gains_header
 from codegen.generated import own_stage
-from gain_gen.analysis.loss_of_force import warned
+from gain_gen.analysis import loss_of_force
 from gain_gen.analysis.speed_schedule import with_speed_rate
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.dequantise import physical_notes
@@ -75,7 +75,9 @@ def run(args: argparse.Namespace) -> int:
     tables = {**tables, "margins": {**tables["margins"], **answer.margins}}
     checks = {name: Check(**entry) for name, entry in tables["verification"].items()}
     of_bus = profile_of(choices).warnings
-    warnings = (*of_bus, *tables["design"]["warnings"], *loss_of_force(task))
+    warnings = (*of_bus, *tables["design"]["warnings"])
+    if task.actuator != "dampers":  # which hold no car up
+        warnings += loss_of_force.warnings(task.vehicle, actuator_moment(task))
     answer = replace(answer, verified=checks, warnings=warnings)
     out = args.out or DEFAULT_OUT
     files = [out / "calibration.toml", out / "canroll_gains.h"]
@@ -102,14 +104,6 @@ def run(args: argparse.Namespace) -> int:
             terminal.show_titled(design_view.detectability(rows, box))
         print(f"written: {', '.join(str(path) for path in files)}")
     return 1 if answer.failures else 0
-
-
-def loss_of_force(task: Task) -> Iterator[str]:
-    """Yield what is to be said of losing all force at once; dampers hold no car up."""
-    if task.actuator != "dampers":
-        text = warned(task.vehicle, actuator_moment(task))
-        if text:
-            yield text
 
 
 def show(answer: Design) -> None:

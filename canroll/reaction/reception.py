@@ -68,11 +68,15 @@ class Reception:
     def remark(self) -> str:
         """What failed, in one line; "": nothing did."""
         parts = [f"{count} by {word}" for word, count in self.failures.items()]
-        said = f"{' and '.join(parts)} of {self.frames} frames refused" if parts else ""
+        refusals = f"{' and '.join(parts)} of {self.frames} frames refused" if parts else ""
         if self.checksum and self.checksum == self.frames:
-            said += f": are data_id and profile {self.profile} those of the sender?"
+            refusals += f": are data_id and profile {self.profile} those of the sender?"
         late = f"late {self.late} times" if self.late else ""
-        return f"{self.message}: {'; '.join(filter(None, (said, late)))}" if said or late else ""
+        return (
+            f"{self.message}: {'; '.join(filter(None, (refusals, late)))}"
+            if refusals or late
+            else ""
+        )
 
 
 @dataclass

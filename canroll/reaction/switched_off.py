@@ -27,8 +27,8 @@ WIDEST = (
 
 def unsupervised(record: Calibration) -> Calibration:
     """Return the calibration with which the ECU reacts to no finding of its own."""
-    values = {field.name: getattr(record, field.name) for field in fields(Calibration)}
     ranges = {field.name: field.f for field in fields(Calibration)}
+    values = {name: getattr(record, name) for name in ranges}
     for name in OFF:
         values[name] = [0] * len(values[name]) if isinstance(values[name], list) else 0
     values |= {name: ranges[name].hi for name in WIDEST}

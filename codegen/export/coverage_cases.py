@@ -41,7 +41,7 @@ from firmware.state import (
     RX_VEHICLE_MOTION,
 )
 
-SEEDS = (363, 542, 603, 604, 621, 622, 625, 626, 627, 628)
+SEEDS = (363, 542, 603, 604, 621, 625, 627)
 """Of the random cases; chosen by what each adds."""
 TICKS = 80
 NEVER = -1

@@ -129,5 +129,5 @@ def _made(record: Calibration, loop: BusFirmware, received: int) -> dict[str, st
 
 def _version(*compiler: str) -> str:
     """The first line that a compiler says of itself."""
-    said = subprocess.run([*compiler, "--version"], capture_output=True, text=True, check=False)
-    return said.stdout.splitlines()[0] if said.stdout else compiler[0]
+    version = subprocess.run([*compiler, "--version"], capture_output=True, text=True, check=False)
+    return version.stdout.splitlines()[0] if version.stdout else compiler[0]

@@ -38,22 +38,22 @@ def tipping_acceleration(vehicle: Vehicle, moment: float) -> float:
     return left / (vehicle.total_mass * vehicle.cg_height + roll.roll_arm * lean)
 
 
-def warned(vehicle: Vehicle, largest: float) -> str:
-    """Return what is to be said of losing at once the moment of a curve at the tyres' limit.
+def warnings(vehicle: Vehicle, largest: float) -> tuple[str, ...]:
+    """Return the warning of losing at once the moment of a curve at the tyres' limit.
 
     Args:
         vehicle: whose design model is taken.
         largest: moment of its actuators, N·m.
 
     Returns:
-        One line; empty where the tyres do not hold so much, or the car tips without control too.
+        One line; none where the tyres do not hold so much, or the car tips without control too.
     """
     held = vehicle.tyre.friction * GRAVITY
     moment = min(largest, vehicle.design.roll_arm * held)
     with_it, alone = tipping_acceleration(vehicle, moment), tipping_acceleration(vehicle, 0.0)
     if with_it >= min(held, alone):
-        return ""
+        return ()
     return (
         f"{moment:.0f} N·m of roll moment lost at once lift both inner wheels from "
-        f"{with_it:.1f} m/s² on; without control {alone:.1f}, tyres hold {held:.1f}"
+        f"{with_it:.1f} m/s² on; without control {alone:.1f}, tyres hold {held:.1f}",
     )

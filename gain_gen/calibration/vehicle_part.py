@@ -1,6 +1,6 @@
 """Calibration fields from the vehicle: limits, split, schedule, supervision."""
 
-from math import ceil, exp, floor, log2, pi, sqrt
+from math import ceil, exp, floor, log2, sqrt
 
 import numpy as np
 
@@ -167,9 +167,8 @@ def _supervision(task: Task) -> dict[str, Value]:
 
 def _speed_noise(task: Task) -> float:
     """Return what two samples of the speed may differ by besides braking: noise, and their ages."""
-    sensor = task.vehicle.sensors.speed
-    noise = sensor.noise_density * sqrt(pi / 2.0 * sensor.bandwidth)
-    return SPEED_DEVIATIONS * sqrt(2.0) * noise + BRAKING * (task.delay.most + MOTION_PERIOD)
+    noise = sqrt(2.0) * task.vehicle.sensors.speed.deviation
+    return SPEED_DEVIATIONS * noise + BRAKING * (task.delay.most + MOTION_PERIOD)
 
 
 def _identification_unit(inertia: float) -> float:

@@ -1,7 +1,7 @@
 """Laws on the observed state: LQR, sliding mode, feedforward alone."""
 
 from dataclasses import replace
-from math import exp, pi, sqrt
+from math import exp
 
 import numpy as np
 
@@ -39,10 +39,9 @@ FEEDFORWARD_SHARE = 0.3
 
 def sensor_noise(vehicle: Vehicle) -> SensorNoise:
     """Return the noise of one sample of the vehicle's sensors, from density and bandwidth."""
-    rate, lateral = vehicle.sensors.roll_rate, vehicle.sensors.lateral_acceleration
+    sensors = vehicle.sensors
     return SensorNoise(
-        roll_rate=rate.noise_density * sqrt(0.5 * pi * rate.bandwidth),
-        lateral=lateral.noise_density * sqrt(0.5 * pi * lateral.bandwidth),
+        roll_rate=sensors.roll_rate.deviation, lateral=sensors.lateral_acceleration.deviation
     )
 
 

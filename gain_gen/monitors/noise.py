@@ -45,7 +45,7 @@ def deviations(vehicle: Vehicle, box: Uncertainty) -> dict[str, float]:
     sensors = vehicle.sensors
 
     def sample(channel: SensorChannel, message: str, signal: str, unit: float = 1.0) -> float:
-        white = box.noise * channel.noise_density * sqrt(channel.bandwidth * pi / 2.0)
+        white = box.noise * channel.deviation
         return float(np.hypot(white, unit * _resolution(message, signal) / sqrt(12.0)))
 
     degree = pi / 180.0
