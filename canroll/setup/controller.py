@@ -23,7 +23,7 @@ from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE
 from gain_gen.calibration.calibration_file import LoadedCalibration, load
 from gain_gen.calibration.options import ACTUATOR_NUMBER, QuantiseOptions
 from gain_gen.laws import LAWS, WITHOUT_ROLL_RATE, is_of_user
-from gain_gen.models.task import Delay, Design, Task, made_of
+from gain_gen.models.task import PERIODS, Delay, Design, Task, made_of
 from gain_gen.monitors.uncertainty import BY_STEERING, EVERY, of_vehicle, stated
 from plant_sim.can_bus.network.own_frames import bus_map
 from vehicles import Vehicle
@@ -124,12 +124,14 @@ def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
     if delay is None:
         command = COMMANDS[ACTUATOR_NUMBER[actuator]]
         delay = sample_to_force(vehicle, command, profile, tick=tick)
-    resolution = None
+    resolution, periods = None, PERIODS
     own = bus_map(profile)
     if own is not None:
         from gain_gen.calibration.resolution import of_bus  # noqa: PLC0415
 
         resolution = of_bus(own)
+        first = zip(own.received[: len(PERIODS)], PERIODS, strict=True)
+        periods = tuple(1e-3 * box.cycle_ms or usual for box, usual in first)
     return Task(
         vehicle=vehicle,
         delay=delay,
@@ -142,6 +144,7 @@ def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
         matrices=str(choices.get("matrices") or ""),
         unverified=chosen(choices, "unverified"),
         resolution=resolution,
+        periods=periods,
     )
 
 

@@ -7,11 +7,11 @@ populations up to the limit (``tools/validation/false_alarms.py``).
 
 from math import ceil
 
-import dbc
 from firmware import calibration as fw
+from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_VEHICLE_MOTION
 from gain_gen.calibration.rows import quantise, shares
 from gain_gen.laws import WITHOUT_ROLL_RATE
-from gain_gen.models.task import Task
+from gain_gen.models.task import PERIODS, Task
 from gain_gen.monitors.bank import TRUST, weight
 from gain_gen.monitors.residuals import LATERAL_TIME, LINEAR, lateral_gap
 from gain_gen.monitors.uncertainty import Uncertainty
@@ -54,8 +54,8 @@ def monitor_fields(task: Task, box: Uncertainty) -> dict[str, int | list[int]]:
     The moments are watched where the commands are moments, the sensors where the observer uses
     them.
     """
-    imu = max(dbc.period("Imu"), task.tick)
-    state = max(dbc.period("ActuatorState"), task.tick)
+    imu = task.sample(RX_IMU)
+    state = task.sample(RX_ACTUATOR_STATE)
     moment = _axle_moment(task)
     edge = EDGE + EDGE_SHARE * moment if moment else 0.0
     gap, share = lateral_gap(task.vehicle, box, task.tick)
@@ -94,11 +94,12 @@ def clock_fields(task: Task, period: float) -> dict[str, int | list[int]]:
 
 def erratic_fields(task: Task) -> dict[str, int | list[int]]:
     """Return the fields of the erratic monitor; a slower loop sees more bend of its samples."""
-    periods = [dbc.period(message) for message in ("Imu", "VehicleMotion")]
-    longer = [max(1.0, task.tick / period) for period in periods]
+    messages = RX_IMU, RX_VEHICLE_MOTION
+    periods = [task.periods[message] for message in messages]
+    longer = [task.sample(message) / PERIODS[message] for message in messages]
     formats = fw.Q_RATE, fw.Q_ACCELERATION, fw.Q_RATE, fw.Q_SPEED, 24
     scales = [
-        round(2.0 ** (42 - q) / (most * longer[k > 2] ** 2))
+        round(2.0 ** (42 - q) / (most * max(1.0, longer[k > 2]) ** 2))
         for k, (most, q) in enumerate(zip(ERRATIC, formats, strict=True))
     ]
     if task.observer in WITHOUT_ROLL_RATE:

@@ -6,7 +6,6 @@ import numpy as np
 
 import dbc
 from firmware import calibration as fw
-from firmware.com.signals import RX_IDS
 from firmware.state import (
     RX_ACTUATOR_STATE,
     RX_IMU,
@@ -18,7 +17,7 @@ from gain_gen.calibration.monitor_part import monitor_fields
 from gain_gen.calibration.rows import quantise, quantise_row
 from gain_gen.models.controller import SPEEDS
 from gain_gen.models.front_share import front_share
-from gain_gen.models.task import Task
+from gain_gen.models.task import PERIODS, Task
 from gain_gen.monitors.bank import weight
 from gain_gen.monitors.uncertainty import Uncertainty
 from vehicles import Vehicle
@@ -26,11 +25,6 @@ from vehicles.actuators import ACTUATORS, MILLI
 from vehicles.axles import axles
 from vehicles.model import GRAVITY, SemiActiveDampers
 
-SENSOR_PERIODS = tuple(
-    dbc.period(dbc.load().get_message_by_frame_id(ident).name) for ident in RX_IDS
-)
-"""Cycle times of the received messages, in the order of the mailboxes, s."""
-MOTION_PERIOD = SENSOR_PERIODS[RX_VEHICLE_MOTION]
 MISSED_SAMPLES = 5
 KMH = 1.0 / 3.6
 FADE = (5.0 * KMH, 10.0 * KMH)
@@ -67,11 +61,9 @@ def vehicle_fields(task: Task, schedule: tuple[float, ...], box: Uncertainty) ->
         box: what is not known of the car.
     """
     share = share_of(task)
-    sample = max(SENSOR_PERIODS[RX_IMU], task.tick)
+    share_of_error = np.array([weight(LEARNING, task.sample(RX_IMU))])
     # an error takes 32 bits
-    learning = quantise_row(
-        np.array([weight(LEARNING, sample)]), (0,), 0, name="offset_gain", bound=1 << 31
-    )
+    learning = quantise_row(share_of_error, (0,), 0, name="offset_gain", bound=1 << 31)
     return (
         _supervision(task)
         | _identification(task)
@@ -127,7 +119,7 @@ def timeouts(task: Task, *others: int) -> list[int]:
         needed.add(RX_SUSPENSION_RATE)
     if task.observer == "reference":
         needed = needed - {RX_IMU} | {RX_ROLL_REFERENCE}
-    samples = [max(period, task.tick) for period in SENSOR_PERIODS]
+    samples = [max(period, task.tick) for period in PERIODS]
     return [
         ceil(MISSED_SAMPLES * sample / task.tick + task.delay.most / task.tick)
         if message in needed
@@ -168,7 +160,7 @@ def _supervision(task: Task) -> dict[str, Value]:
 def _speed_noise(task: Task) -> float:
     """Return what two samples of the speed may differ by besides braking: noise, and their ages."""
     noise = sqrt(2.0) * task.vehicle.sensors.speed.deviation
-    return SPEED_DEVIATIONS * noise + BRAKING * (task.delay.most + MOTION_PERIOD)
+    return SPEED_DEVIATIONS * noise + BRAKING * (task.delay.most + task.periods[RX_VEHICLE_MOTION])
 
 
 def _identification_unit(inertia: float) -> float:

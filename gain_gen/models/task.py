@@ -5,7 +5,9 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import NamedTuple
 
+import dbc
 from canroll.build_cache import key, sources
+from firmware.com.signals import RX_IDS
 from gain_gen.models.controller import Controller
 from gain_gen.models.observer import LateralModel, SensorNoise
 from gain_gen.models.roll import Matrix
@@ -20,6 +22,10 @@ EPSILON_SQUARED = 0.1
 """Relative threshold of the event trigger, squared (Viadero 2022)."""
 SOURCES = ("gain_gen", "firmware", "vehicles", "dbc", "codegen")
 SOLVERS = ("numpy", "scipy", "cvxpy", "clarabel")
+
+
+PERIODS = tuple(dbc.period(dbc.load().get_message_by_frame_id(number).name) for number in RX_IDS)
+"""Cycle times of the received messages of ``roll_control.dbc``, in the order of mailboxes, s."""
 
 
 def made_of(*parts: object) -> bytes:
@@ -109,6 +115,7 @@ class Task:
         moment_share: RMS moment over the RMS of the roll moment m h a_y, or None for the law's own.
         unverified: whether a design that fails a check is returned, marked, instead of refused.
         resolution: of the bus; None for that of ``roll_control.dbc``.
+        periods: cycle times of the received messages, in the order of the mailboxes, s.
     """
 
     vehicle: Vehicle
@@ -126,6 +133,11 @@ class Task:
     moment_share: float | None = None
     unverified: bool = False
     resolution: Resolution | None = None
+    periods: tuple[float, ...] = PERIODS
+
+    def sample(self, message: int) -> float:
+        """Return the time between two samples of a received message that the loop sees, s."""
+        return max(self.periods[message], self.tick)
 
     @property
     def lag(self) -> float:

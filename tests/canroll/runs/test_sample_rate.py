@@ -9,9 +9,10 @@ import pytest
 import dbc
 import vehicles
 from canroll.runs import experiment
-from canroll.setup.controller import options_of
+from canroll.setup.controller import options_of, task_of
 from firmware.plausibility import FAULT_SAMPLE_RATE_OFF
 from firmware.state import ACTIVE, INIT
+from gain_gen.models.task import Delay
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[3]
@@ -73,3 +74,14 @@ def test_it_is_judged_where_samples_are_counted(tmp_path):
         encoding="utf-8",
     )
     assert sample_period(**fd | {"dbc": str(path)}) == 0.0
+
+
+def test_a_design_knows_the_cycle_times_of_its_bus(tmp_path):
+    usual = task_of({}, Delay.constant(0.02)).periods
+    assert usual == (0.01, 0.02, 0.01, 0.01, 0.01)
+    slower = (ROOT / "examples/own_bus/own.dbc").read_text(encoding="utf-8")
+    assert "BO_ 257 10;" in slower
+    path = tmp_path / "slower.dbc"
+    path.write_text(slower.replace("BO_ 257 10;", "BO_ 257 20;"), encoding="utf-8")
+    own = {"dbc": str(path), "map": str(ROOT / "examples/own_bus/own.toml")}
+    assert task_of(own, Delay.constant(0.02)).periods == (0.02, *usual[1:])

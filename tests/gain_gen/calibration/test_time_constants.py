@@ -1,4 +1,6 @@
-"""Time constants of a calibration are times: in s they are the same at every period of the loop."""
+"""Time constants are times: in s they are the same at every period of the loop and of a bus."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,14 +21,16 @@ from gain_gen.monitors.uncertainty import DEFAULT
 from vehicles import load
 
 TICKS = (0.002, 0.005, 0.01, 0.02)
-IMU, MOTION = 0.01, 0.02
-"""Between two samples of a message, s; a slower loop takes each newest one."""
+USUAL = (0.01, 0.02)
+PERIODS = [(tick, *USUAL) for tick in TICKS] + [(0.01, 0.02, 0.05), (0.005, 0.005, 0.01)]
+"""Of the loop, the inertial unit and the motion, s; a slower loop takes each newest sample."""
 BIG = 1 << 26
 
 
-def task_at(tick: float) -> Task:
+def task_at(tick: float, imu: float = USUAL[0], motion: float = USUAL[1]) -> Task:
     """A van with forces at the corners."""
-    return Task(load("van_real"), Delay.constant(0.02), tick=tick, actuator="suspension")
+    usual = Task(load("van_real"), Delay.constant(0.02), tick=tick, actuator="suspension")
+    return replace(usual, periods=(imu, motion, *usual.periods[2:]))
 
 
 def moving(cal: fw.Calibration) -> Ecu:
@@ -51,7 +55,7 @@ def time_constant(step, period: float) -> float:
     return np.inf
 
 
-@pytest.mark.parametrize("tick", TICKS)
+@pytest.mark.parametrize(("tick", "imu", "motion"), PERIODS)
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
@@ -61,8 +65,8 @@ def time_constant(step, period: float) -> float:
         ("mirrored", 0.1549),
     ],
 )
-def test_motion_fades_and_a_mirror_image_is_averaged_in_the_same_time(name, expected, tick):
-    cal = fill(monitor_fields(task_at(tick), DEFAULT))
+def test_motion_fades_and_mirror_images_average_in_the_same_time(name, expected, tick, imu, motion):
+    cal = fill(monitor_fields(task_at(tick, imu, motion), DEFAULT))
     ecu = moving(cal)
     # the unit has turned away from the steering, by too little to turn back
     ecu.unit_away, cal.mirror_min, ecu.lateral_acceleration = 1, 0, 1
@@ -72,15 +76,14 @@ def test_motion_fades_and_a_mirror_image_is_averaged_in_the_same_time(name, expe
         watch_redundancy(ecu, cal)
         return getattr(ecu, name) / BIG
 
-    assert time_constant(step, max(tick, IMU)) == pytest.approx(expected, rel=1e-3)
+    assert time_constant(step, max(tick, imu)) == pytest.approx(expected, rel=1e-3)
 
 
-@pytest.mark.parametrize("tick", TICKS)
-@pytest.mark.parametrize(
-    ("k", "period", "expected"), [(1, IMU, 0.0749), (4, MOTION, 0.1498)], ids=["unit", "motion"]
-)
-def test_an_erratic_signal_fades_in_the_same_time(k, period, expected, tick):
-    cal = fill(erratic_fields(task_at(tick)))
+@pytest.mark.parametrize(("tick", "imu", "motion"), PERIODS)
+@pytest.mark.parametrize(("k", "expected"), [(1, 0.0749), (4, 0.1498)], ids=["unit", "motion"])
+def test_an_erratic_signal_fades_in_the_same_time(k, expected, tick, imu, motion):
+    period = (imu, motion)[k > 2]
+    cal = fill(erratic_fields(task_at(tick, imu, motion)))
     ecu = moving(cal)
     ecu.erratic_sum[k] = 1 << 18
 
@@ -103,9 +106,9 @@ def test_the_mean_of_changes_forgets_in_the_same_time(tick):
     assert time_constant(step, tick) == pytest.approx(10.24, rel=2e-3)
 
 
-@pytest.mark.parametrize("tick", TICKS)
-def test_offsets_are_learnt_in_the_same_time(tick):
-    cal = fill(vehicle_fields(task_at(tick), (1.0,) * fw.N_POINTS, DEFAULT))
+@pytest.mark.parametrize(("tick", "imu", "motion"), PERIODS)
+def test_offsets_are_learnt_in_the_same_time(tick, imu, motion):
+    cal = fill(vehicle_fields(task_at(tick, imu, motion), (1.0,) * fw.N_POINTS, DEFAULT))
     cal.offset_learning = 1
     ecu = moving(cal)
     offset = cal.offset_rate_max
@@ -115,7 +118,7 @@ def test_offsets_are_learnt_in_the_same_time(tick):
         learn_offsets(ecu, cal)
         return 1.0 - ecu.offset_rate / offset
 
-    assert time_constant(step, max(tick, IMU)) == pytest.approx(2.555, rel=2e-3)
+    assert time_constant(step, max(tick, imu)) == pytest.approx(2.555, rel=2e-3)
 
 
 def test_at_10_ms_the_weights_are_powers_of_two_and_seven_eighths():
