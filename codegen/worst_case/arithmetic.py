@@ -273,6 +273,7 @@ DOUBLE: dict[str, Callable[[Operands], Effect]] = {
     "eor": lambda o: _signs(_bits("^", o.a, o.b)),
     "bic": lambda o: _signs(_bits("&", o.a, _complement(o.b))),
     "mul": lambda o: _signs(wrapped(multiply(o.a, o.b))),
+    "mla": lambda o: (wrapped(add(multiply(o.a, o.b), o.value(3))), None),
 }
 """Effects of instructions with two sources, or with one that is the target too."""
 

@@ -148,6 +148,11 @@ def test_a_field_of_a_negative_number_is_not_negative(before, after):
     assert done(ubfx, before).registers[0] == after
 
 
+def test_a_product_is_known_with_what_is_added():
+    mla = bytes.fromhex("00fb0000")  # r0, r0, r0, r0
+    assert done(mla, Value(2, 5)).registers[0] == Value(6, 30)
+
+
 @pytest.mark.parametrize("code", ["90ea010f", "10f1000f"], ids=["teq r0, r1", "cmn r0, #0"])
 def test_flags_that_are_not_modelled_are_not_those_of_before(code):
     assert done(bytes.fromhex(code), Value(0, 0)).flags is None
