@@ -96,17 +96,15 @@ class Ear:
                 count = codec.extract(self.tables, at, payload) + 1
                 codec.insert(self.tables, at, payload, count % SAMPLES)
         if self.secured:
-            self.jump(payload, 0, 1)
+            self.jump(payload, 1)
         return payload
 
     @staticmethod
-    def jump(payload: NDArray[np.uint8], starts: int, count: int) -> None:
+    def jump(payload: NDArray[np.uint8], ahead: int) -> None:
         """Advance the freshness value in a payload; its MAC stays what it is."""
-        at = slice(authentication.COUNT_AT, authentication.MAC_AT)
-        number = int.from_bytes(payload[at].tobytes(), "big") + count
-        payload[at] = list((number % authentication.COUNTS).to_bytes(3, "big"))
-        sender = authentication.STARTS_AT
-        payload[sender] = (int(payload[sender]) + starts) % 256
+        at = slice(authentication.STARTS_AT, authentication.MAC_AT)
+        freshness = int.from_bytes(payload[at].tobytes(), "big") + ahead
+        payload[at] = list((freshness % authentication.COUNTS**2).to_bytes(6, "big"))
 
     def finished(self, row: int, payload: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Give a payload the next counter and the right checksum of the end-to-end protection."""

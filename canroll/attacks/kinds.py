@@ -63,13 +63,13 @@ def attacks(command: str) -> tuple[Attack, ...]:
             Attack(f"{message} with bit flips", flip(message)),
             Attack(f"{message} with a random MAC", guess(message)),
             Attack(f"{message} with the bytes of another", disguise(message)),
-            Attack(f"{message} of another length", resize(message, (0, 4, 7, 12, 20, 64))),
+            Attack(f"{message} of another length", resize(message, (0, 4, 7, 12, 16, 64))),
             Attack(f"{message} as classic for FD, FD for classic", reformat(message, FD)),
             Attack(f"{message} with 29 bits", reformat(message, EXTENDED)),
-            Attack(f"{message}, freshness jump by 1000", jump(message, 0, 1000)),
-            Attack(f"{message}, freshness jump by 8 million", jump(message, 0, 1 << 23)),
-            Attack(f"{message} of a later start", jump(message, 1, 0)),
-            Attack(f"{message} of a start far ahead", jump(message, 127, -5)),
+            Attack(f"{message}, freshness jump by 1000", jump(message, 1000)),
+            Attack(f"{message}, freshness jump by 8 million", jump(message, 1 << 23)),
+            Attack(f"{message} of a later start", jump(message, authentication.COUNTS)),
+            Attack(f"{message} of a start far ahead", jump(message, 1 << 47)),
             Attack(f"flood of {message}", flood(message)),
         ]
     offered += [
@@ -181,11 +181,11 @@ def reformat(ear: Ear, heard: Heard, flag: int) -> Iterator[Forged]:
 
 
 @answering
-def jump(ear: Ear, heard: Heard, starts: int, count: int) -> Iterator[Forged]:
+def jump(ear: Ear, heard: Heard, ahead: int) -> Iterator[Forged]:
     """Answer each frame with the same bytes and a later freshness value."""
     payload = ear.following(heard)
     if ear.secured:
-        ear.jump(payload, starts, count)
+        ear.jump(payload, ahead)
     yield ear.forged(heard.row, ear.finished(heard.row, payload))
 
 
@@ -200,7 +200,7 @@ def flood(message: str) -> Forge:
             for _ in range(PER_TURN):
                 payload = ear.finished(heard.row, payload.copy())
                 if ear.secured:
-                    ear.jump(payload, 0, 1)
+                    ear.jump(payload, 1)
                 yield ear.forged(heard.row, payload)
             newest[:] = [Heard(heard.t_ns, heard.row, heard.length, heard.flags, payload)]
 

@@ -10,12 +10,12 @@ from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.frame.frame_protection import Protection
 from codegen.frame.raw_signal import bits_of
-from firmware.security.secoc_state import MAC_AT, PAYLOAD, SECURED
+from firmware.security.secoc_state import FRESHNESS_AT, MAC_AT, PAYLOAD, SECURED
 
 FRESHNESS, AUTHENTICATOR = "Freshness", "Authenticator"
 """Names of the signals behind an authenticated frame, unless the map has others."""
-OF_SECOC = {"freshness": (FRESHNESS, PAYLOAD), "authenticator": (AUTHENTICATOR, MAC_AT)}
-"""Keys of [secoc]: the signal's usual name, and the byte where its four begin, high byte first."""
+OF_SECOC = {"freshness": (FRESHNESS, FRESHNESS_AT), "authenticator": (AUTHENTICATOR, MAC_AT)}
+"""Keys of [secoc]: the signal's usual name, and the byte where its six begin, high byte first."""
 
 
 def names_of(table: Mapping[str, Any], map_file: Path) -> dict[int, str]:
@@ -39,9 +39,9 @@ def refuse_unsecured(message: Message, secoc: Mapping[int, str], where: str) -> 
     for first, name in secoc.items():
         if name not in known:
             raise UnknownNameError(f"signal of {message.name} in {where} [secoc]", name, known)
-        if bits_of(known[name]) != [8 * (first + 3 - k // 8) + k % 8 for k in range(32)]:
+        if bits_of(known[name]) != [8 * (first + 5 - k // 8) + k % 8 for k in range(48)]:
             raise CanrollError(
-                f"{where}: {name} must be bytes {first} to {first + 3}, the highest first"
+                f"{where}: {name} must be bytes {first} to {first + 5}, the highest first"
             )
 
 

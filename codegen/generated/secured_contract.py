@@ -13,7 +13,7 @@ import sys
 
 import dbc
 from codegen.generated.authenticated_frames import AUTHENTICATOR, FRESHNESS
-from firmware.security.secoc_state import PAYLOAD
+from firmware.security.secoc_state import FRESHNESS_AT, MAC_AT, PAYLOAD, SECURED
 
 FD_FORMAT = 14
 """Index of StandardCAN_FD among the values of VFrameFormat."""
@@ -58,23 +58,23 @@ def database() -> str:
     secured = re.sub(
         r"(BO_ \d+ \w+: )8 (\w+\n(?: SG_ .*\n)*? SG_ .*\"\" (\S+)\n(?: SG_ .*\n)*)",
         lambda found: (
-            f"{found[1]}16 {found[2]}"
-            f' SG_ {FRESHNESS} : 71|32@0+ (1,0) [0|4294967295] "" {found[3]}\n'
-            f' SG_ {AUTHENTICATOR} : 103|32@0+ (1,0) [0|4294967295] "" {found[3]}\n'
+            f"{found[1]}{SECURED} {found[2]}"
+            f' SG_ {FRESHNESS} : {8 * FRESHNESS_AT + 7}|48@0+ (1,0) [0|{2**48 - 1}] "" {found[3]}\n'
+            f' SG_ {AUTHENTICATOR} : {8 * MAC_AT + 7}|48@0+ (1,0) [0|{2**48 - 1}] "" {found[3]}\n'
         ),
         plain,
     )
     secured = secured.replace(
         'counter 0 to 14.";',
-        "counter 0 to 14; they cover the first 8 bytes. Bytes 8 to 15 are those of AUTOSAR "
+        "counter 0 to 14; they cover the first 8 bytes. Bytes 8 to 19 are those of AUTOSAR "
         'SecOC.";',
         1,
     )
     idents = re.findall(r"^BO_ (\d+)", secured, flags=re.MULTILINE)
     comments = "".join(
-        f'CM_ SG_ {ident} {FRESHNESS} "SecOC: low 8 bits of the number of starts of the sender, '
+        f'CM_ SG_ {ident} {FRESHNESS} "SecOC: number of starts of the sender (24 bits), '
         'number of the frame since.";\n'
-        f'CM_ SG_ {ident} {AUTHENTICATOR} "SecOC: first 32 bits of the AES-128-CMAC.";\n'
+        f'CM_ SG_ {ident} {AUTHENTICATOR} "SecOC: first 48 bits of the AES-128-CMAC.";\n'
         for ident in idents
     )
     formats = "".join(

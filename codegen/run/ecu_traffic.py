@@ -19,7 +19,7 @@ from codegen.generated.mailbox import room as _room
 from codegen.run.bus_firmware import built_in
 from codegen.run.memory_image import event, event_of, sealed
 from firmware.calibration import N_RX, STATE_MAX, Calibration
-from firmware.security.secoc_state import COUNTER_MAX, FRESHNESS_AT, MAC_AT
+from firmware.security.secoc_state import COUNTER_MAX, FRESHNESS_AT, MAC_AT, RESET_MAX
 from firmware.state import RX_ACTUATOR_STATE, Ecu
 from firmware.subset import fields, filled
 
@@ -223,7 +223,7 @@ def flooded(traffic: EcuTraffic, most: int, received: int) -> EcuTraffic:
     """Authenticated traffic to which forged frames are added, so that a tick has ``most``.
 
     ``received`` is the number of different frames that the ECU receives. Forged are those of
-    ``traffic`` with the highest number that a receiver takes: only the MAC shows what they are.
+    ``traffic`` with the highest freshness value that a receiver takes: only the MAC tells.
     """
     genuine = traffic.frames[traffic.frames["message"] < received]
     if not len(genuine):
@@ -232,8 +232,8 @@ def flooded(traffic: EcuTraffic, most: int, received: int) -> EcuTraffic:
     ticks = np.repeat(np.arange(traffic.ticks), np.maximum(missing, 0))
     forged = genuine[np.arange(len(ticks)) % len(genuine)]
     forged["tick"] = ticks
-    newest = (COUNTER_MAX - 1).to_bytes(3, "big")
-    forged["payload"][:, FRESHNESS_AT + 1 : MAC_AT] = np.frombuffer(newest, np.uint8)
+    newest = ((RESET_MAX << 24) + COUNTER_MAX - 1).to_bytes(6, "big")
+    forged["payload"][:, FRESHNESS_AT:MAC_AT] = np.frombuffer(newest, np.uint8)
     frames = np.concatenate([traffic.frames, forged])
     return EcuTraffic(frames[np.argsort(frames["tick"], kind="stable")], traffic.elapsed)
 

@@ -2,13 +2,12 @@
 
 ``start`` and ``resume`` at power-up, ``elapse`` once a tick, ``verify`` and ``protect`` for frames.
 
-A secured frame has 16 bytes: the 8 of the frame, the low 32 bits of its freshness value, the first
-32 bits of an AES-128-CMAC over data id, frame and the whole freshness value of 48 bits. This value
-is the number of starts of the sender, which it keeps in memory that lasts, and the number of the
-frame since; behind the last number the sender takes the next start. A receiver takes a frame only
-where it is newer than the last: within a start by the number, else by a start that is at most 127
-ahead. So after a reset of the sender the first frame resynchronises, and after one of the receiver
-as well.
+A secured frame has 20 bytes: the 8 of the frame, its freshness value of 48 bits, and the first 48
+bits of an AES-128-CMAC over data id, frame and freshness value. This value is the number of starts
+of the sender, which it keeps in memory that lasts, and the number of the frame since; behind the
+last number the sender takes the next start. A receiver takes a frame only where its freshness value
+is greater than that of the last. So the next frame resynchronises after a reset of either side,
+however many starts were missed.
 """
 
 from typing import Annotated
@@ -24,15 +23,12 @@ from firmware.security.secoc_state import (
     LISTENING_MAX,
     MAC_AT,
     NONE,
-    PAYLOAD,
     RESET_MAX,
     SECURED,
     Secoc,
 )
 from firmware.state import N_TX
 from firmware.subset import I32_MAX, byte, clamp, clear, i32, u8
-
-RESET_STEP_MAX = 127
 
 
 def start(secoc: Secoc, key: Annotated[list[u8], 16], reset: i32, listening: i32) -> None:
@@ -61,22 +57,13 @@ def elapse(secoc: Secoc, elapsed_ticks: i32) -> None:
     secoc.listening = clamp(secoc.listening - elapsed, 0, LISTENING_MAX)
 
 
-def authenticate(
-    secoc: Secoc, identity: i32, frame: Annotated[list[u8], SECURED], reset: i32, count: i32
-) -> i32:
-    """Return the first 32 bits of the CMAC of a frame with its whole freshness value."""
+def authenticate(secoc: Secoc, identity: i32, frame: Annotated[list[u8], SECURED]) -> None:
+    """Leave the CMAC of a frame with its freshness value in ``block``."""
     secoc.message[0] = byte(identity >> 8)
     secoc.message[1] = byte(identity)
-    for k in range(PAYLOAD):
+    for k in range(MAC_AT):
         secoc.message[k + 2] = frame[k]
-    secoc.message[10] = byte(reset >> 16)
-    secoc.message[11] = byte(reset >> 8)
-    secoc.message[12] = byte(reset)
-    secoc.message[13] = byte(count >> 16)
-    secoc.message[14] = byte(count >> 8)
-    secoc.message[15] = byte(count)
     cmac(secoc, AUTHENTICATED)
-    return secoc.block[0]
 
 
 def protect(secoc: Secoc, slot: i32, frame: Annotated[list[u8], SECURED]) -> None:
@@ -92,18 +79,23 @@ def protect(secoc: Secoc, slot: i32, frame: Annotated[list[u8], SECURED]) -> Non
         for sent in range(N_TX):
             secoc.tx_freshness[sent] = 0
     count: i32 = secoc.tx_freshness[slot]
-    mac: i32 = authenticate(secoc, TX_DATA_IDS[slot], frame, secoc.tx_reset, count)
+    frame[FRESHNESS_AT] = byte(secoc.tx_reset >> 16)
+    frame[FRESHNESS_AT + 1] = byte(secoc.tx_reset >> 8)
+    frame[FRESHNESS_AT + 2] = byte(secoc.tx_reset)
+    frame[FRESHNESS_AT + 3] = byte(count >> 16)
+    frame[FRESHNESS_AT + 4] = byte(count >> 8)
+    frame[FRESHNESS_AT + 5] = byte(count)
+    authenticate(secoc, TX_DATA_IDS[slot], frame)
     if count == COUNTER_MAX:
-        mac = 0
+        secoc.block[0] = 0
+        secoc.block[1] = 0
     secoc.tx_freshness[slot] = clamp(count + 1, 0, COUNTER_MAX)
-    frame[FRESHNESS_AT] = byte(secoc.tx_reset)
-    frame[FRESHNESS_AT + 1] = byte(count >> 16)
-    frame[FRESHNESS_AT + 2] = byte(count >> 8)
-    frame[FRESHNESS_AT + 3] = byte(count)
-    frame[MAC_AT] = byte(mac >> 24)
-    frame[MAC_AT + 1] = byte(mac >> 16)
-    frame[MAC_AT + 2] = byte(mac >> 8)
-    frame[MAC_AT + 3] = byte(mac)
+    frame[MAC_AT] = byte(secoc.block[0] >> 24)
+    frame[MAC_AT + 1] = byte(secoc.block[0] >> 16)
+    frame[MAC_AT + 2] = byte(secoc.block[0] >> 8)
+    frame[MAC_AT + 3] = byte(secoc.block[0])
+    frame[MAC_AT + 4] = byte(secoc.block[1] >> 24)
+    frame[MAC_AT + 5] = byte(secoc.block[1] >> 16)
 
 
 def verify(secoc: Secoc, message: i32, frame: Annotated[list[u8], SECURED], length: i32) -> i32:
@@ -114,19 +106,23 @@ def verify(secoc: Secoc, message: i32, frame: Annotated[list[u8], SECURED], leng
     if message < 0 or message >= N_FRAMES:
         return 0
     if length == SECURED:
-        last: i32 = secoc.rx_reset[message]
-        ahead: i32 = byte(frame[FRESHNESS_AT] - last)
-        count: i32 = frame[FRESHNESS_AT + 3] | (frame[FRESHNESS_AT + 2] << 8)
-        count = count | (frame[FRESHNESS_AT + 1] << 16)
+        reset: i32 = frame[FRESHNESS_AT + 2] | (frame[FRESHNESS_AT + 1] << 8)
+        reset = reset | (frame[FRESHNESS_AT] << 16)
+        count: i32 = frame[FRESHNESS_AT + 5] | (frame[FRESHNESS_AT + 4] << 8)
+        count = count | (frame[FRESHNESS_AT + 3] << 16)
         newer: i32 = 0
-        if ahead == 0 and count > secoc.rx_freshness[message]:
+        if reset == secoc.rx_reset[message] and count > secoc.rx_freshness[message]:
             newer = 1
-        if ahead >= 1 and ahead <= RESET_STEP_MAX:
+        if reset > secoc.rx_reset[message]:
             newer = 1
-        reset: i32 = clamp(last + ahead, 0, RESET_MAX)
-        mac: i32 = packed(frame[MAC_AT], frame[MAC_AT + 1], frame[MAC_AT + 2], frame[MAC_AT + 3])
         if newer == 1 and count < COUNTER_MAX:
-            if authenticate(secoc, RX_DATA_IDS[message], frame, reset, count) == mac:
+            authenticate(secoc, RX_DATA_IDS[message], frame)
+            high: i32 = packed(
+                frame[MAC_AT], frame[MAC_AT + 1], frame[MAC_AT + 2], frame[MAC_AT + 3]
+            )
+            low: i32 = packed(frame[MAC_AT + 4], frame[MAC_AT + 5], 0, 0)
+            difference: i32 = (secoc.block[0] ^ high) | ((secoc.block[1] ^ low) >> 16)
+            if difference == 0:
                 secoc.rx_reset[message] = reset
                 secoc.rx_freshness[message] = count
                 if secoc.listening > 0:

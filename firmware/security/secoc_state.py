@@ -9,12 +9,12 @@ from firmware.com.frames import N_FRAMES
 from firmware.state import N_TX
 from firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
 
-# a secured frame: the frame, then the freshness value's and the CMAC's last or first four bytes
+# a secured frame: the frame, its freshness value, and the first six bytes of the CMAC
 PAYLOAD = 8
 FRESHNESS_AT = 8
-MAC_AT = 12
-SECURED = 16
-# what is authenticated: data id, payload, freshness value of 48 bits; longest message of the CMAC
+MAC_AT = 14
+SECURED = 20
+# what is authenticated: data id, payload, freshness value; longest message of the CMAC
 AUTHENTICATED = 16
 MESSAGE_MAX = 64
 COUNTER_MAX = (1 << 24) - 1

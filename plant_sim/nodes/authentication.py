@@ -2,7 +2,7 @@
 
 AES-128 by bytes (FIPS 197) and its CMAC (RFC 4493) over one block: data id, the frame's eight bytes
 and the freshness value of 48 bits, which is the sender's number of starts and of the frame since. A
-frame carries the low 32 bits of the freshness value and the first 32 bits of the MAC.
+frame carries the freshness value and the first 48 bits of the MAC.
 """
 
 from collections.abc import Sequence
@@ -17,11 +17,9 @@ from plant_sim.kernels.jit import njit
 from plant_sim.nodes import e2e
 from plant_sim.nodes.codec import Codec
 
-PAYLOAD, SECURED = 8, 16
-STARTS_AT, COUNT_AT, MAC_AT = 8, 9, 12
+SECURED = 20
+STARTS_AT, COUNT_AT, MAC_AT = 8, 11, 14
 COUNTS = 1 << 24
-WINDOW = 127
-"""A frame of a later start is taken if that is at most so many starts ahead."""
 LISTENING_NS = 160_000_000
 """Time after a start for which no frame is taken: the longest between two commands."""
 STARTS_MAX = 16
@@ -156,18 +154,13 @@ def encrypt(auth: NodeAuthentication) -> None:
 
 
 @njit
-def _authenticate(
-    auth: NodeAuthentication, identity: int, payload: NDArray[np.uint8], starts: int, count: int
-) -> None:
-    """Leave the MAC of a frame with its whole freshness value in the block."""
+def _authenticate(auth: NodeAuthentication, identity: int, payload: NDArray[np.uint8]) -> None:
+    """Leave the MAC of a frame with its freshness value in the block."""
     block = auth.block
     block[0] = (identity >> 8) & 255
     block[1] = identity & 255
-    for k in range(PAYLOAD):
+    for k in range(MAC_AT):
         block[2 + k] = int(payload[k])
-    for k in range(3):
-        block[10 + k] = (starts >> (16 - 8 * k)) & 255
-        block[13 + k] = (count >> (16 - 8 * k)) & 255
     for k in range(16):
         block[k] = block[k] ^ auth.subkey[k]
     encrypt(auth)
@@ -186,11 +179,11 @@ def protect(
         state[COUNT] = 0
     starts, count = state[STARTS], state[COUNT]
     state[COUNT] += 1
-    _authenticate(auth, tables.protection[row, e2e.DATA_ID], payload, starts, count)
-    payload[STARTS_AT] = starts & 255
     for k in range(3):
+        payload[STARTS_AT + k] = (starts >> (16 - 8 * k)) & 255
         payload[COUNT_AT + k] = (count >> (16 - 8 * k)) & 255
-    for k in range(4):
+    _authenticate(auth, tables.protection[row, e2e.DATA_ID], payload)
+    for k in range(SECURED - MAC_AT):
         payload[MAC_AT + k] = auth.block[k]
 
 
@@ -226,17 +219,16 @@ def verify(
         return True
     _start_anew(auth, t_ns)
     state = auth.heard[row]
-    ahead = (int(payload[STARTS_AT]) - state[STARTS]) % 256
-    count = 0
+    starts, count = 0, 0
     for k in range(3):
+        starts = starts * 256 + int(payload[STARTS_AT + k])
         count = count * 256 + int(payload[COUNT_AT + k])
-    good = (ahead == 0 and count > state[COUNT]) or 1 <= ahead <= WINDOW
+    good = starts > state[STARTS] or (starts == state[STARTS] and count > state[COUNT])
     if count >= COUNTS - 1:
         good = False
-    starts = state[STARTS] + ahead
     if good:
-        _authenticate(auth, tables.protection[row, e2e.DATA_ID], payload, starts, count)
-        for k in range(4):
+        _authenticate(auth, tables.protection[row, e2e.DATA_ID], payload)
+        for k in range(SECURED - MAC_AT):
             if auth.block[k] != int(payload[MAC_AT + k]):
                 good = False
     if not good:

@@ -123,7 +123,7 @@ def test_the_last_command_is_authentic(planned):
     drive(world, ecu, 60)
     _, length = settings.firmware.sent[0]
     last = ecu_loop.last_command(ecu, controller.record, bytes(length), settings.firmware)
-    assert (len(last[1]), last[1][8]) == (16, 1)
+    assert (len(last[1]), last[1][8:11]) == (20, bytes([0, 0, 1]))
     refused = world.refused
     world.submit(world.now_ns, *last)
     world.advance(world.now_ns + 10 * MS)
@@ -156,7 +156,7 @@ def test_the_check_times_the_authentication(planned):
     settings, controller = planned
     ticks = measure._driven(settings, controller)
     assert ticks.key == settings.secret
-    assert {len(payload) for received in ticks.received for _, payload in received} == {16}
+    assert {len(payload) for received in ticks.received for _, payload in received} == {20}
 
 
 @pytest.mark.slow

@@ -6,12 +6,12 @@ from codegen.run.bus_firmware import BusFirmware
 from codegen.run.secured import LISTENING_US, SecocModule
 from dbc.keys import DEVELOPMENT_KEY
 from firmware.calibration import Calibration
-from firmware.security.secoc_state import PAYLOAD, SECURED
+from firmware.security.secoc_state import MAC_AT, PAYLOAD, SECURED
 
 NOTE = """
 ## Authenticated frames
 
-The frames have 16 bytes on the bus, as AUTOSAR SecOC prescribes: the eight of the loop, a freshness
+The frames have 20 bytes on the bus, as AUTOSAR SecOC prescribes: the eight of the loop, a freshness
 value and a MAC. `board/node.c` is how a board calls it, from the task of the loop and not from
 an interrupt. Own one more record, `static canroll_secoc secoc;`, and memory that lasts for the
 number of starts and for `secoc.rx_reset`. After `canroll_init` call `canroll_secoc_start` with the
@@ -92,11 +92,12 @@ LISTENING = 3
 SENT = 24
 HEARD: tuple[tuple[int, int, int | None], ...] = (
     *((1, 0, None), (1, 1, None), (1, 2, None), (1, 3, None), (1, 3, None), (1, 9, None)),
-    *((1, 8, None), (1, 10, 5), (1, 10, 66), (1, 10, 90), (1, 10, 127), (1, 10, None)),
-    *((2, 0, None), (1, 11, None), (2, 1, None), (130, 0, None), (129, 0, None), (129, 1, None)),
+    *((1, 8, None), (1, 10, 5), (1, 10, 66), (1, 10, 111), (1, 10, 159), (1, 10, None)),
+    *((2, 0, None), (1, 11, None), (2, 1, None), (70000, 0, None), (69999, 7, None)),
+    *((70000, 1, None),),
 )
 """Start, number and flipped bit of the frames that the session's node hears: some repeated, old,
-damaged, or of a start too far ahead."""
+damaged, or of a start far ahead."""
 
 
 def example(text: str, firmware: BusFirmware, record: Calibration) -> str:
@@ -138,9 +139,11 @@ def session(firmware: BusFirmware) -> Session:
     other = state.Secoc()
     secoc.start(other, list(TEST_KEY), 7, LISTENING)
     for reset, count, flipped in HEARD:
-        frame = [*range(count & 15, PAYLOAD + (count & 15)), reset & 255, *count.to_bytes(3, "big")]
-        mac = secoc.authenticate(other, secoc.RX_DATA_IDS[0], frame, reset, count)
-        frame += [mac >> shift & 255 for shift in (24, 16, 8, 0)]
+        frame = [*range(count & 15, PAYLOAD + (count & 15))]
+        frame += [*reset.to_bytes(3, "big"), *count.to_bytes(3, "big")]
+        secoc.authenticate(other, secoc.RX_DATA_IDS[0], frame)
+        mac = b"".join((word & 0xFFFFFFFF).to_bytes(4, "big") for word in other.block)
+        frame += mac[: SECURED - MAC_AT]
         if flipped is not None:
             frame[flipped // 8] ^= 1 << flipped % 8
         node.elapse(1)

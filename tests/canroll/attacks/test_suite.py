@@ -62,7 +62,7 @@ def test_an_attacker_with_the_key_gets_through(loop):
     def forge(ear: Ear):
         for heard in ear.heard("Imu"):
             auth = authentication.build(len(ear.tables.message), key=settings.secret)
-            count = int.from_bytes(heard.payload[9:12].tobytes(), "big") + 1
+            count = int.from_bytes(heard.payload[11:14].tobytes(), "big") + 1
             auth.sent[row] = 1, count
             payload = ear.finished(row, heard.payload.copy())
             authentication.protect(auth, ear.tables, row, payload, False)

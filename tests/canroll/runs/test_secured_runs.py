@@ -44,14 +44,12 @@ def test_every_frame_is_authentic_by_another_implementation(run):
     last = {}
     for identity, entry in ours(run.controlled):
         data = bytes(entry["payload"][: entry["length"]])
-        assert len(data) == 16
-        count = int.from_bytes(data[9:12], "big")
+        assert len(data) == 20
+        starts, count = (int.from_bytes(data[at : at + 3], "big") for at in (8, 11))
         judge = CMAC(algorithms.AES(DEVELOPMENT_KEY))
-        judge.update(
-            identity.to_bytes(2, "big") + data[:8] + b"\0\0" + data[8:9] + count.to_bytes(3, "big")
-        )
-        assert data[12:] == judge.finalize()[:4]
-        assert (data[8], count) == (1, last.get(identity, -1) + 1)
+        judge.update(identity.to_bytes(2, "big") + data[:14])
+        assert data[14:] == judge.finalize()[:6]
+        assert (starts, count) == (1, last.get(identity, -1) + 1)
         last[identity] = count
     assert len(last) == 8
     assert run.refused == (0, 0)

@@ -1,4 +1,4 @@
-"""The authenticated contract: current, the plain one with 8 bytes more, and what a map may say."""
+"""The authenticated contract: current, the plain one with 12 bytes more, and what a map may say."""
 
 import cantools
 import pytest
@@ -19,15 +19,15 @@ def test_every_frame_is_that_of_the_contract_with_freshness_and_mac():
     assert len(secured.messages) == len(dbc.load().messages)
     for plain in dbc.load().messages:
         its = secured.get_message_by_name(plain.name)
-        assert (its.frame_id, its.length, its.is_fd) == (plain.frame_id, 16, True)
+        assert (its.frame_id, its.length, its.is_fd) == (plain.frame_id, 20, True)
         assert (its.cycle_time, its.senders) == (plain.cycle_time, plain.senders)
         assert dbc.data_id(its) == dbc.data_id(plain)
         extra = {signal.name for signal in its.signals} - {s.name for s in plain.signals}
         assert extra == {"Freshness", "Authenticator"}
         data = bytes(range(40, 48))
-        found = its.decode(data + bytes.fromhex("01000203a1a2a3a4"), decode_choices=False)
-        assert found.pop("Freshness") == 0x01000203
-        assert found.pop("Authenticator") == 0xA1A2A3A4
+        found = its.decode(data + bytes.fromhex("010004000203a1a2a3a4a5a6"), decode_choices=False)
+        assert found.pop("Freshness") == 0x010004000203
+        assert found.pop("Authenticator") == 0xA1A2A3A4A5A6
         try:
             assert found == plain.decode(data, decode_choices=False)
         except cantools.database.DecodeError:
@@ -42,7 +42,7 @@ def test_the_loop_sees_the_plain_frames():
     assert secured.secured and not plain.secured
     for one, other in zip(secured.frames, plain.frames, strict=True):
         assert (one.ident, one.length, one.protection) == (other.ident, 8, other.protection)
-        assert (one.sent_length, one.fd, one.bit_rate_switch) == (16, True, True)
+        assert (one.sent_length, one.fd, one.bit_rate_switch) == (20, True, True)
 
 
 @pytest.mark.parametrize(
@@ -51,9 +51,9 @@ def test_the_loop_sees_the_plain_frames():
         ("map", 'freshness = "Freshness"', 'fresh = "Freshness"', "unknown key"),
         ("map", 'freshness = "Freshness"', "freshness = 5", "must be the name of a signal"),
         ("map", 'freshness = "Freshness"', 'freshness = "Fresh"', "unknown signal of Imu"),
-        ("map", 'freshness = "Freshness"', 'freshness = "RollRate"', "must be bytes 8 to 11"),
-        ("dbc", "BO_ 160 Imu: 16", "BO_ 160 Imu: 20", "must be a CAN FD frame of 16 bytes"),
-        ("dbc", 'BA_ "VFrameFormat" BO_ 160 14;', "", "Imu has 16 bytes but is not a CAN FD"),
+        ("map", 'freshness = "Freshness"', 'freshness = "RollRate"', "must be bytes 8 to 13"),
+        ("dbc", "BO_ 160 Imu: 20", "BO_ 160 Imu: 24", "must be a CAN FD frame of 20 bytes"),
+        ("dbc", 'BA_ "VFrameFormat" BO_ 160 14;', "", "Imu has 20 bytes but is not a CAN FD"),
         ("dbc", 'BA_ "E2EDataLength" BO_ 160 64;', "", "needs a data id of E2E profile 1"),
         ("dbc", 'BA_ "E2EDataId" BO_ 160 3232;', "", "needs a data id of E2E profile 1"),
         ("map", 'message = "VehicleMotion"', 'message = "Imu"', "unknown signal"),

@@ -12,7 +12,7 @@ from codegen.run.bus_firmware import built_in, of_bus
 from codegen.run.native import compiler
 from codegen.run.secured import SecocModule, SecuredEcu, listening_ticks
 from codegen.run.unicorn import CortexEcu
-from firmware.security.secoc_state import COUNTER_MAX
+from firmware.security.secoc_state import COUNTER_MAX, SECURED
 from firmware.state import RX_IMU, TX_ANTI_ROLL_BAR
 
 KEY = bytes(range(50, 66))
@@ -36,10 +36,9 @@ def opened(backend):
 
 def mac(identity, payload, starts, count):
     judge = CMAC(algorithms.AES(KEY))
-    judge.update(
-        identity.to_bytes(2, "big") + payload + starts.to_bytes(3, "big") + count.to_bytes(3, "big")
-    )
-    return bytes([starts & 255]) + count.to_bytes(3, "big") + judge.finalize()[:4]
+    freshness = starts.to_bytes(3, "big") + count.to_bytes(3, "big")
+    judge.update(identity.to_bytes(2, "big") + payload + freshness)
+    return freshness + judge.finalize()[:6]
 
 
 def imu(count, starts=1):
@@ -52,7 +51,7 @@ def imu(count, starts=1):
 def test_what_is_sent_and_taken(backend):
     ecu = opened(backend)
     assert isinstance(ecu, SecuredEcu)
-    ecu.receive(IMU, imu(0), 16)
+    ecu.receive(IMU, imu(0), SECURED)
     assert (ecu.accepted, ecu.refused) == (0, 0)
     sent = []
     for _ in range(60):
@@ -64,16 +63,16 @@ def test_what_is_sent_and_taken(backend):
         assert data[8:] == mac(identities[ident], data[:8], 1, count)
     assert len(counts) >= 2
     for frame, length, taken, refused in (
-        (imu(1), 16, 1, 0),
-        (imu(1), 16, 1, 1),
+        (imu(1), SECURED, 1, 0),
+        (imu(1), SECURED, 1, 1),
         (imu(2)[:8], 8, 1, 2),
-        (imu(2) + bytes(48), 64, 1, 3),
-        (imu(2)[:15] + b"\0", 16, 1, 4),
-        (imu(2), 16, 2, 4),
+        (imu(2) + bytes(44), 64, 1, 3),
+        (imu(2)[:19] + b"\0", SECURED, 1, 4),
+        (imu(2), SECURED, 2, 4),
     ):
         ecu.receive(IMU, np.frombuffer(frame, np.uint8), length)
         assert (ecu.accepted, ecu.refused) == (taken, refused)
-    ecu.receive(0x7FF, imu(3), 16)
+    ecu.receive(0x7FF, imu(3), SECURED)
     assert (ecu.accepted, ecu.refused) == (2, 4)
 
 
@@ -82,18 +81,18 @@ def test_lasting_memory(backend):
     """A restart is a new start, which goes on with the senders and refuses what is old."""
     ecu = opened(backend)
     ecu.tick(LISTENING)
-    ecu.receive(IMU, imu(9, starts=100), 16)
-    ecu.receive(IMU, imu(9, starts=100), 16)
+    ecu.receive(IMU, imu(9, starts=100), SECURED)
+    ecu.receive(IMU, imu(9, starts=100), SECURED)
     assert (ecu.accepted, ecu.refused) == (1, 1)
     ecu.restart()
     ecu.tick(LISTENING)
-    ecu.receive(IMU, imu(5, starts=99), 16)
-    ecu.receive(IMU, imu(0, starts=200), 16)
+    ecu.receive(IMU, imu(5, starts=99), SECURED)
+    ecu.receive(IMU, imu(0, starts=70_000), SECURED)
     assert (ecu.accepted, ecu.refused) == (2, 2)
     payload = bytes(8)
     ident, _ = FIRMWARE.sent[TX_ANTI_ROLL_BAR]
     expected = mac(dbc.data_id(dbc.message("AntiRollBarCommand")), payload, 2, 0)
-    assert ecu.protected((ident, payload + bytes(8))) == (ident, payload + expected)
+    assert ecu.protected((ident, payload + bytes(12))) == (ident, payload + expected)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -102,14 +101,15 @@ def test_a_start_that_began_behind_the_last_number_lasts(backend):
     ident, length = FIRMWARE.sent[TX_ANTI_ROLL_BAR]
     ecu._secoc.record["tx_freshness"] = [COUNTER_MAX] * len(FIRMWARE.sent)
     _, frame = ecu.protected((ident, bytes(length)))
-    assert (ecu.lasting.starts, frame[8:12]) == (2, bytes([2, 0, 0, 0]))
+    assert (ecu.lasting.starts, frame[8:14]) == (2, bytes([0, 0, 2, 0, 0, 0]))
     ecu.restart()
     assert ecu.lasting.starts == 3
 
 
 @pytest.mark.skipif(not cortex.has_pip_tools(), reason="needs canroll[target]")
 def test_a_replay_counts_what_authentication_costs():
-    rows = [(t, RX_IMU, 16, np.frombuffer(imu(t), np.uint8)) for t in range(30)]
+    room = FIRMWARE.room
+    rows = [(t, RX_IMU, SECURED, list(imu(t).ljust(room, b"\0"))) for t in range(30)]
     kind = ecu_traffic.random_traffic(1, 1, bus=FIRMWARE.bus).frames.dtype
     traffic = ecu_traffic.EcuTraffic(np.array(rows, kind), np.ones(30, np.int32))
     ran = unicorn.replay_secured(CALIBRATION, traffic, "cortex-m4", FIRMWARE, key=KEY)
@@ -126,7 +126,7 @@ def test_a_plain_bus_has_no_authentication():
 @pytest.mark.skipif(not cortex.has_pip_tools(), reason="needs canroll[target]")
 @pytest.mark.parametrize(
     ("frame", "length", "most"),
-    [(imu(5)[:12] + bytes(4), 16, 1100), (imu(0, starts=200), 16, 100), (imu(5), 8, 30)],
+    [(imu(5)[:14] + bytes(6), SECURED, 1100), (imu(4), SECURED, 60), (imu(5), 8, 30)],
     ids=["forged MAC", "old", "another length"],
 )
 def test_what_a_refused_frame_costs(frame, length, most):
@@ -134,5 +134,6 @@ def test_what_a_refused_frame_costs(frame, length, most):
     ecu = CortexEcu(CALIBRATION, cpu="cortex-m4", count=True, firmware=FIRMWARE)
     secoc = SecocModule(ecu.machine, ecu.firmware)
     secoc.start(KEY, 1, 0)
+    assert secoc.verify(RX_IMU, imu(4), SECURED)
     assert not secoc.verify(RX_IMU, frame, length)
     assert most / 2 < ecu.machine.instructions < most

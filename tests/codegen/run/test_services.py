@@ -36,7 +36,7 @@ def test_it_gives_the_same_frames_within_its_budget(cpu):
     secoc.start(its, list(KEY), 7, 0)
     emulated.start(KEY, 7, 0)
     for k in range(24):
-        frame = [(37 * k + 11 * j) & 255 for j in range(8)] + [0] * 8
+        frame = [(37 * k + 11 * j) & 255 for j in range(8)] + [0] * 12
         sent = emulated.protect(k % N_TX, bytes(frame))
         assert 0 < machine.instructions <= BUDGET[cpu]
         secoc.protect(its, k % N_TX, frame)

@@ -53,7 +53,7 @@ def test_it_sends_and_keeps_the_same_bytes_over_a_manoeuvre(recording, special):
     assert accepted > 600
     assert refused == 0
     assert sum(map(len, sent)) > 100
-    assert all(len(payload) == 16 for frames in sent for _, payload in frames)
+    assert all(len(payload) == 20 for frames in sent for _, payload in frames)
     assert ACTIVE in modes
 
 

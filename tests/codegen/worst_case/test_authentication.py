@@ -20,7 +20,7 @@ from tools.differential.recorded_traffic import Case
 pytestmark = pytest.mark.slow
 
 FIRMWARE = of_bus(SECURED_PATH, SECURED_MAP)
-FULL = 72
+FULL = 64
 """Frames that the bus carries in a tick."""
 needs_gcc = pytest.mark.skipif(not cortex.has_gcc_and_qemu(), reason="needs gcc and QEMU for Arm")
 

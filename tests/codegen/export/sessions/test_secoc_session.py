@@ -111,13 +111,13 @@ def test_the_public_key_compiles_where_it_is_asked_for_alone(folder, tmp_path):
 
 def test_the_session_is_that_of_another_implementation():
     session = secoc_session.session(of_bus(dbc.SECURED_PATH, dbc.SECURED_MAP))
-    sent = [step.expected for step in session.parts[0].steps if step.operation.array == 16]
+    sent = [step.expected for step in session.parts[0].steps if step.operation.array == 20]
     data_id = dbc.data_id(dbc.message("SuspensionForceCommand"))
     judge = CMAC(algorithms.AES(secoc_session.TEST_KEY))
     payload = bytes(range(8))
-    judge.update(data_id.to_bytes(2, "big") + payload + bytes([0, 0, 7, 0, 0, 0]))
-    frame = payload + bytes([7, 0, 0, 0]) + judge.finalize()[:4]
-    assert frame in sent
+    frame = payload + bytes([0, 0, 7, 0, 0, 0])
+    judge.update(data_id.to_bytes(2, "big") + frame)
+    assert frame + judge.finalize()[:6] in sent
 
 
 def test_a_plain_bundle_has_nothing_of_it():

@@ -8,8 +8,8 @@ from codegen.generated.signals import DBC, MAP
 from plant_sim.buses.profile import BUSY, QUICK, SECURED
 from plant_sim.can_bus.network.own_frames import most_received
 
-SHORTEST = {"secured_fd": 138_500, "500k": 222_000, "125k_busy": 888_000}
-"""A frame without a stuff bit, ns: 29 bits at 500 kbit/s and 161 at 2 Mbit/s; 111 if classic."""
+SHORTEST = {"secured_fd": 157_000, "500k": 222_000, "125k_busy": 888_000}
+"""A frame without a stuff bit, ns: 29 bits at 500 kbit/s and 198 at 2 Mbit/s; 111 if classic."""
 
 
 @pytest.mark.parametrize("profile", [SECURED, QUICK, BUSY], ids=lambda its: its.name)
@@ -23,5 +23,5 @@ def test_a_full_bus_carries_its_shortest_frame_over_and_over(profile):
     assert most_received(profile, bus, 50 * shortest) == 50
 
 
-def test_a_tick_of_10_ms_sees_73_authenticated_frames_at_most():
-    assert most_received(SECURED, load(dbc.SECURED_PATH, dbc.SECURED_MAP), 10_000_000) == 73
+def test_a_tick_of_10_ms_sees_64_authenticated_frames_at_most():
+    assert most_received(SECURED, load(dbc.SECURED_PATH, dbc.SECURED_MAP), 10_000_000) == 64
