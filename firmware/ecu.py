@@ -44,7 +44,7 @@ def init(ecu: Ecu, cal: Calibration) -> i32:
         fault = 1 << FAULT_CALIBRATION
     if ecu.refused != 0:
         ecu.mode = SAFE
-        ecu.found = fault
+        ecu.detected = fault
         latch_faults(ecu)
         return ecu.refused
     init_mailboxes(ecu, cal)

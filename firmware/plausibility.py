@@ -85,12 +85,12 @@ OVERDUE = 8
 
 def latch_faults(ecu: Ecu) -> None:
     """Make the faults found in this tick the active fault codes; latch and count new ones."""
-    if ecu.found == ecu.fault_active:
+    if ecu.detected == ecu.fault_active:
         return
-    appeared: i32 = ecu.found & (ALL_FAULT_CODES ^ ecu.fault_active)
-    ecu.fault_active = ecu.found
+    appeared: i32 = ecu.detected & (ALL_FAULT_CODES ^ ecu.fault_active)
+    ecu.fault_active = ecu.detected
     ecu.fault_latched = ecu.fault_latched | appeared
-    left: i32 = ecu.found
+    left: i32 = ecu.detected
     number: i32 = 0
     for _ in range(N_FAULT_CODES):
         number += left & 1
@@ -122,14 +122,14 @@ def silence(ecu: Ecu, cal: Calibration, message: i32, needed: i32) -> i32:
     outdated: i32 = signals.outdated(ecu, message, patience, cal.init_ticks)
     if (outdated & needed) != 0:
         late = 1
-        ecu.found = ecu.found | LATE[message]
+        ecu.detected = ecu.detected | LATE[message]
     else:
         ecu.valid[message] = byte(ecu.valid[message] & (255 ^ outdated))
     # a message that is slower than the limit is not stuck between two of its frames
     limit: i32 = clamp(cal.stuck_ticks, cal.timeout_ticks[message], AGE_MAX)
     if (signals.RX_SIGNALS[message] & needed) != 0:
         if ecu.unchanged[message] > limit and (late | waiting) == 0:
-            ecu.found = ecu.found | (1 << FAULT_STUCK)
+            ecu.detected = ecu.detected | (1 << FAULT_STUCK)
             late = 1
     return late | waiting
 
@@ -167,7 +167,7 @@ def lost(ecu: Ecu, cal: Calibration, message: i32, elapsed: i32) -> i32:
     late: i32 = silence(ecu, cal, message, needed)
     bad: i32 = lacking(ecu, message, needed)
     if lasting(ecu, message + 1, timeout, bad, elapsed) == 1:
-        ecu.found = ecu.found | LACKS[message]
+        ecu.detected = ecu.detected | LACKS[message]
         return 1
     return late
 
@@ -210,10 +210,10 @@ def watch_lateral(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
     if bad == 0:
         ecu.acceleration_good = ecu.lateral_acceleration
     contradicted: i32 = ecu.lateral_contradicted
-    ecu.found = ecu.found | (contradicted << FAULT_LATERAL_CONTRADICTED)
+    ecu.detected = ecu.detected | (contradicted << FAULT_LATERAL_CONTRADICTED)
     bad = bad | contradicted
     bad = lasting(ecu, BAD_ACCELERATION, cal.timeout_ticks[RX_IMU], bad, elapsed) | contradicted
-    ecu.found = ecu.found | (bad << FAULT_ACCELERATION)
+    ecu.detected = ecu.detected | (bad << FAULT_ACCELERATION)
     ecu.lateral_good = clamp(ecu.lateral_good + elapsed, 0, AGE_MAX)
     if ecu.bad_ticks[BAD_ACCELERATION] > 0:
         ecu.lateral_good = 0
@@ -243,9 +243,9 @@ def watch_imu(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
         ecu.rate_good = ecu.roll_rate
     bad = bad & needed
     bad = lasting(ecu, BAD_ROLL_RATE, cal.timeout_ticks[RX_IMU], bad, elapsed)
-    ecu.found = ecu.found | (bad << FAULT_ROLL_RATE)
-    ecu.found = ecu.found | (ecu.rate_contradicted << FAULT_ROLL_RATE_CONTRADICTED)
-    ecu.found = ecu.found | (ecu.motion_contradicted << FAULT_MOTION_CONTRADICTED)
+    ecu.detected = ecu.detected | (bad << FAULT_ROLL_RATE)
+    ecu.detected = ecu.detected | (ecu.rate_contradicted << FAULT_ROLL_RATE_CONTRADICTED)
+    ecu.detected = ecu.detected | (ecu.motion_contradicted << FAULT_MOTION_CONTRADICTED)
     bad = bad | ecu.rate_contradicted | ecu.motion_contradicted
     severity: i32 = watch_lateral(ecu, cal, elapsed)
     if cal.observer == BYPASS:
@@ -276,7 +276,7 @@ def watch_corners(ecu: Ecu, cal: Calibration) -> i32:
     """
     failures: i32 = 0
     contradicted: i32 = ecu.contradicted[0] | ecu.contradicted[1]
-    ecu.found = ecu.found | (contradicted << FAULT_ACTUATOR_CONTRADICTED)
+    ecu.detected = ecu.detected | (contradicted << FAULT_ACTUATOR_CONTRADICTED)
     status: i32 = ecu.status[0] | ecu.status[1] | ecu.status[2] | ecu.status[3]
     if status < STUCK and contradicted == 0:
         for corner in range(4):
@@ -285,8 +285,8 @@ def watch_corners(ecu: Ecu, cal: Calibration) -> i32:
     for corner in range(4):
         status = ecu.status[corner]
         failed: i32 = status >> 1
-        ecu.found = ecu.found | ((failed & (status ^ FLOATING)) << FAULT_CORNER_STUCK)
-        ecu.found = ecu.found | ((failed & (status ^ STUCK)) << FAULT_CORNER_FLOATING)
+        ecu.detected = ecu.detected | ((failed & (status ^ FLOATING)) << FAULT_CORNER_STUCK)
+        ecu.detected = ecu.detected | ((failed & (status ^ STUCK)) << FAULT_CORNER_FLOATING)
         failed = failed | ecu.contradicted[corner >> 1]
         ecu.failed[corner] = byte(failed)
         failures += failed
@@ -307,7 +307,7 @@ def watch_actuators(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
         elif severity == GOOD:
             severity = DEGRADING
     if ecu.waiting == 1 and ecu.unacknowledged > OVERDUE * cal.acknowledge_ticks:
-        ecu.found = ecu.found | (1 << FAULT_COMMAND)
+        ecu.detected = ecu.detected | (1 << FAULT_COMMAND)
     stroke_lost: i32 = lost(ecu, cal, RX_SUSPENSION_RATE, elapsed)
     if cal.actuator == DAMPERS and stroke_lost == 1:
         severity = UNSAFE

@@ -13,14 +13,14 @@ def between(low: i32, high: i32, share: i32) -> i32:
     return sat31(low + product(high - low, share, 28))
 
 
-def ratio(part: i32, whole: i32) -> i32:
-    """Return ``part / whole`` (Q28), at most 1, for ``part`` >= 0 and ``whole`` > 0."""
+def ratio(numerator: i32, denominator: i32) -> i32:
+    """Return a quotient (Q28), at most 1; ``numerator`` >= 0 and ``denominator`` > 0."""
     # beyond the ends, where a car mostly is, nothing needs to be divided
-    if part == 0:
+    if numerator == 0:
         return 0
-    if part >= whole:
+    if numerator >= denominator:
         return Q28_ONE
-    return clamp(quotient(part * Q28_ONE, whole), 0, Q28_ONE)
+    return clamp(quotient(numerator * Q28_ONE, denominator), 0, Q28_ONE)
 
 
 def schedule(ecu: Ecu, cal: Calibration) -> None:

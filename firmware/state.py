@@ -123,7 +123,7 @@ class Ecu:
     released: Annotated[i32, F(0, ONE, Q_UNIT, "", "what is left of the held moment, fading")]
     trust: Annotated[list[i32], 4, F(0, ONE, Q_UNIT, "", "what a corner may give of its limit")]
     feedforward: Annotated[i32, F(0, ONE, Q_UNIT, "", "ramp of the feedforward, 0 without a_y")]
-    found: Annotated[i32, F(0, (1 << 28) - 1, 0, "", "bit i: this tick has found fault i")]
+    detected: Annotated[i32, F(0, (1 << 28) - 1, 0, "", "bit i: this tick has detected fault i")]
     foreign_ticks: Annotated[
         i32, F(0, AGE_MAX, 0, "ticks", "left of the report that an own identifier was heard")
     ]
@@ -218,7 +218,7 @@ class Ecu:
     balance_past: Annotated[
         list[i32], 9, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "of an input, what it was before")
     ]
-    balance_room: Annotated[
+    balance_uncertainty: Annotated[
         list[i32], 9, F(0, STATE_MAX, Q_MOMENT, "N·m", "what the model may be wrong by, fading")
     ]
     balance_ticks: Annotated[

@@ -111,8 +111,8 @@ def change_mode(ecu: Ecu, cal: Calibration, severity: i32) -> None:
 
 def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     """Judge all inputs, set the mode and move what fades."""
-    ecu.found = signals.contradicted(ecu) << FAULT_DISAGREEMENT
-    ecu.found = ecu.found | (ecu.envelope_acted << FAULT_ENVELOPE)
+    ecu.detected = signals.contradicted(ecu) << FAULT_DISAGREEMENT
+    ecu.detected = ecu.detected | (ecu.envelope_acted << FAULT_ENVELOPE)
     watch_own_identifiers(ecu, cal, elapsed)
     watch_echo(ecu)
     watch_clock(ecu, cal, elapsed)
@@ -127,9 +127,9 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     watch_heave(ecu, cal)
     actuators: i32 = watch_actuators(ecu, cal, elapsed)
     if elapsed > 1:
-        ecu.found = ecu.found | (1 << FAULT_TICK_MISSED)
+        ecu.detected = ecu.detected | (1 << FAULT_TICK_MISSED)
     if ecu.calibration_word == CORRUPT:
-        ecu.found = ecu.found | (1 << FAULT_CALIBRATION_CRC)
+        ecu.detected = ecu.detected | (1 << FAULT_CALIBRATION_CRC)
         motion = UNSAFE
     latch_faults(ecu)
     ecu.good_ticks = clamp(ecu.good_ticks + elapsed, 0, AGE_MAX)

@@ -22,11 +22,11 @@ from firmware.monitors.balance import (
     AXLES,
     SIDE_FORCE,
     accuse_axles,
+    deflect,
     high_pass,
     raise_threshold,
     residual,
     start_balance,
-    stretch,
 )
 from firmware.monitors.rolling import within
 from firmware.state import Ecu
@@ -62,8 +62,8 @@ def watch_axles(ecu: Ecu, cal: Calibration) -> None:
         ecu.balance_past[AXLES] = by_lateral
         ecu.balance_past[ACTUATORS] = ecu.delivered[0]
         ecu.balance_past[SIDE_FORCE] = of_rear
-    left: i32 = residual(ecu, cal, AXLES, acting, momentum)
-    stretch(ecu, AXLES, stretched)
+    mismatch: i32 = residual(ecu, cal, AXLES, acting, momentum)
+    deflect(ecu, AXLES, stretched)
     wash: i32 = cal.response_wash[2]
     by_side: i32 = magnitude(high_pass(ecu, AXLES, by_lateral, wash))
     # what axles do to opposite sides may be wrong to one
@@ -71,9 +71,9 @@ def watch_axles(ecu: Ecu, cal: Calibration) -> None:
     other: i32 = magnitude(high_pass(ecu, SIDE_FORCE, of_rear, wash))
     shares: i64 = cal.response_share[5] * (own + other)
     shares += cal.axles_rough * magnitude(stretched)
-    wrong: i32 = sat31(shifted(shares, Q_SHARE) + by_side)
-    raise_threshold(ecu, AXLES, wrong, rsh(wash, 1))
-    limit: i32 = ecu.balance_room[AXLES] + cal.axles_min
-    if ecu.balance_room[AXLES] > cal.axles_rest:
+    uncertainty: i32 = sat31(shifted(shares, Q_SHARE) + by_side)
+    raise_threshold(ecu, AXLES, uncertainty, rsh(wash, 1))
+    limit: i32 = ecu.balance_uncertainty[AXLES] + cal.axles_min
+    if ecu.balance_uncertainty[AXLES] > cal.axles_rest:
         limit = STATE_MAX
-    accuse_axles(ecu, AXLES, left, limit, cal.axles_ticks)
+    accuse_axles(ecu, AXLES, mismatch, limit, cal.axles_ticks)

@@ -35,7 +35,7 @@ def start_balance(ecu: Ecu, which: i32, acting: i32, momentum: i32) -> None:
     ecu.balance_spring[which] = sat31(-acting)
     ecu.balance_slow[which] = sat31(-momentum)
     ecu.balance_past[which] = 0
-    ecu.balance_room[which] = 0
+    ecu.balance_uncertainty[which] = 0
 
 
 def washout(ecu: Ecu, cal: Calibration, which: i32) -> i32:
@@ -64,7 +64,7 @@ def residual(ecu: Ecu, cal: Calibration, which: i32, acting: i32, momentum: i32)
     return sat31(slow + momentum)
 
 
-def stretch(ecu: Ecu, which: i32, stretched: i32) -> None:
+def deflect(ecu: Ecu, which: i32, stretched: i32) -> None:
     """Let the springs of a balance take up ``stretched`` until the next tick."""
     ecu.balance_spring[which] = sat31(ecu.balance_spring[which] + stretched)
 
@@ -83,8 +83,10 @@ def share(value: i32, of: i32) -> i32:
 
 def raise_threshold(ecu: Ecu, which: i32, size: i32, fading: i32) -> None:
     """Let what may be left over follow ``size`` up at once and fade by ``fading``, of 2^30."""
-    room: i32 = ecu.balance_room[which]
-    ecu.balance_room[which] = clamp(size, room - product(room, fading, 30), STATE_MAX)
+    uncertainty: i32 = ecu.balance_uncertainty[which]
+    ecu.balance_uncertainty[which] = clamp(
+        size, uncertainty - product(uncertainty, fading, 30), STATE_MAX
+    )
 
 
 def mean_change(ecu: Ecu, cal: Calibration, which: i32, value: i32) -> i32:
@@ -95,24 +97,24 @@ def mean_change(ecu: Ecu, cal: Calibration, which: i32, value: i32) -> i32:
     # it starts low: until it is known the shares of springs, dampers and unequal strokes on such a
     # road, and the least force for heave, are more than what adds up
     change: i32 = magnitude(high_pass(ecu, which, value, ONE))
-    mean: i32 = ecu.balance_room[which]
+    mean: i32 = ecu.balance_uncertainty[which]
     fading: i32 = rsh(mean * cal.response_mean, 30)
     mean = clamp(mean - fading + rsh(change * cal.response_mean, 30), 0, STATE_MAX)
-    ecu.balance_room[which] = mean
+    ecu.balance_uncertainty[which] = mean
     return mean
 
 
-def accuse_axles(ecu: Ecu, which: i32, left: i32, limit: i32, ticks: i32) -> None:
-    """Believe no axle once ``left`` has been beyond ``limit`` to one side for so long.
+def accuse_axles(ecu: Ecu, which: i32, mismatch: i32, limit: i32, ticks: i32) -> None:
+    """Believe no axle once the ``mismatch`` has been beyond ``limit`` to one side for so long.
 
     The balance does not tell which lies. What bounces changes its side before. Ticks to the
     negative side count as negative.
     """
     side: i32 = 1
-    if left < 0:
+    if mismatch < 0:
         side = -1
     so_far: i32 = clamp(sat31(side * ecu.balance_ticks[which]), 0, ticks)
-    count: i32 = lasting(so_far, beyond(magnitude(left), limit), ticks)
+    count: i32 = lasting(so_far, beyond(magnitude(mismatch), limit), ticks)
     ecu.balance_ticks[which] = sat31(side * count)
     if count == ticks:
         ecu.contradicted[0] = 1

@@ -48,7 +48,7 @@ def watch_clock(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     ecu.clock_gap = clamp(ecu.clock_gap + elapsed, 0, AGE_MAX)
     if (ecu.fresh[RX_IMU] & FIRST_FRAME) != 0:
         count_sample(ecu, cal)
-    ecu.found = ecu.found | (ecu.clock_off << FAULT_SAMPLE_RATE_OFF)
+    ecu.detected = ecu.detected | (ecu.clock_off << FAULT_SAMPLE_RATE_OFF)
 
 
 def init_clock(ecu: Ecu) -> None:

@@ -47,4 +47,4 @@ def note_echo(ecu: Ecu, cal: Calibration, slot: u8) -> None:
 def watch_echo(ecu: Ecu) -> None:
     """Report late echoes until one is in time."""
     if ecu.late_echoes == LATE_ECHOES:
-        ecu.found = ecu.found | (1 << FAULT_COMMAND_LATE)
+        ecu.detected = ecu.detected | (1 << FAULT_COMMAND_LATE)

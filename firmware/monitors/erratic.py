@@ -39,7 +39,7 @@ def watch_signal(ecu: Ecu, cal: Calibration, k: i32, value: i32, known: i32) -> 
         total = total + rsh(bend * bend, 12)
     ecu.erratic_sum[k] = total
     if total > ONE_SQUARE:
-        ecu.found = ecu.found | (1 << FAULT_SENSOR_ERRATIC)
+        ecu.detected = ecu.detected | (1 << FAULT_SENSOR_ERRATIC)
 
 
 def samples_known(ecu: Ecu, cal: Calibration, group: i32, sample: i32) -> i32:

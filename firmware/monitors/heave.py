@@ -14,10 +14,10 @@ from firmware.fixed_point import product
 from firmware.monitors.balance import (
     HEAVE,
     accuse_axles,
+    deflect,
     mean_change,
     residual,
     start_balance,
-    stretch,
 )
 from firmware.state import Ecu
 from firmware.subset import i32, sat31
@@ -35,7 +35,7 @@ def watch_heave(ecu: Ecu, cal: Calibration) -> None:
     rear: i32 = product(ecu.stroke_rate[2] + ecu.stroke_rate[3], cal.heave_stretch[1], 23)
     moved: i32 = sat31(front + rear)
     more: i32 = residual(ecu, cal, HEAVE, 0, 0)
-    stretch(ecu, HEAVE, moved)
+    deflect(ecu, HEAVE, moved)
     mean: i32 = mean_change(ecu, cal, HEAVE, moved)
     late: i32 = product(mean, cal.heave_late, 10)
     accuse_axles(ecu, HEAVE, more, sat31(cal.heave_min + late), cal.heave_ticks)

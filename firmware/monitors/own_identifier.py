@@ -24,4 +24,4 @@ def watch_own_identifiers(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
         if slot >= TX_STATUS or slot == command_slot(cal):
             ecu.foreign_ticks = cal.recovery_ticks
     if ecu.foreign_ticks > 0:
-        ecu.found = ecu.found | (1 << FAULT_OWN_IDENTIFIER_HEARD)
+        ecu.detected = ecu.detected | (1 << FAULT_OWN_IDENTIFIER_HEARD)

@@ -39,13 +39,13 @@ from firmware.monitors.balance import (
     SPRINGS,
     STEADY,
     accuse_axles,
+    deflect,
     high_pass,
     mean_change,
     raise_threshold,
     residual,
     share,
     start_balance,
-    stretch,
     washout,
 )
 from firmware.monitors.redundancy import lasting, side_of
@@ -72,50 +72,52 @@ def known(ecu: Ecu, cal: Calibration) -> i32:
     return ecu.enabled & ecu.command_held
 
 
-def share_by_side(own: i32, other: i32, value: i32, left: i32) -> i32:
-    """Return a share of ``value``: its ``own`` where what is ``left`` is of the same side."""
-    if side_of(left, value, 0) != 0:
+def share_by_side(own: i32, other: i32, value: i32, mismatch: i32) -> i32:
+    """Return a share of ``value``: its ``own`` where the ``mismatch`` is of the same side."""
+    if side_of(mismatch, value, 0) != 0:
         return share(value, own)
     return share(value, other)
 
 
-def lateral_uncertainty(ecu: Ecu, cal: Calibration, shown: i32, moment: i32, left: i32) -> i32:
+def lateral_uncertainty(ecu: Ecu, cal: Calibration, shown: i32, moment: i32, mismatch: i32) -> i32:
     """Return what the model may be wrong by in what is ``shown`` of the lateral acceleration."""
-    wrong: i32 = share_by_side(cal.lateral_share[0], cal.lateral_share[1], shown, left)
-    wrong = sat31(wrong + share(moment, cal.lateral_share[2]))
+    uncertainty: i32 = share_by_side(cal.lateral_share[0], cal.lateral_share[1], shown, mismatch)
+    uncertainty = sat31(uncertainty + share(moment, cal.lateral_share[2]))
     if within(ecu, cal.response_limit) == 0:
-        wrong = sat31(wrong + share(shown, cal.limit_share[1]))
-    return wrong
+        uncertainty = sat31(uncertainty + share(shown, cal.limit_share[1]))
+    return uncertainty
 
 
 def watch_lateral_balance(
-    ecu: Ecu, cal: Calibration, left: i32, by_yaw_rate: i32, wrong: i32
+    ecu: Ecu, cal: Calibration, mismatch: i32, by_yaw_rate: i32, uncertainty: i32
 ) -> None:
-    """Judge the lateral acceleration by what is ``left`` and by yaw rate times speed.
+    """Judge the lateral acceleration by the balance's ``mismatch`` and by yaw rate times speed.
 
-    ``by_yaw_rate`` is by how much that differs from it, ``wrong`` what the model may be wrong by.
+    ``by_yaw_rate`` is by how much that differs from it, ``uncertainty`` that of the model.
     """
-    raise_threshold(ecu, LATERAL, wrong, rsh(cal.response_pass, FADING))
+    raise_threshold(ecu, LATERAL, uncertainty, rsh(cal.response_pass, FADING))
     side: i32 = 0
     if ecu.motion_lost == 0 and (ecu.valid[RX_IMU] & YAW) != 0:
-        side = side_of(left, by_yaw_rate, sat31(ecu.balance_room[LATERAL] + cal.steady_min))
+        side = side_of(
+            mismatch, by_yaw_rate, sat31(ecu.balance_uncertainty[LATERAL] + cal.steady_min)
+        )
     ecu.balance_ticks[LATERAL] = lasting(ecu.balance_ticks[LATERAL], side & 1, cal.response_ticks)
     if ecu.balance_ticks[LATERAL] == cal.response_ticks:
         ecu.lateral_contradicted = 1
 
 
-def watch_model(ecu: Ecu, cal: Calibration, by_force: i32, left: i32) -> None:
+def watch_model(ecu: Ecu, cal: Calibration, by_force: i32, mismatch: i32) -> None:
     """Note for good that a lateral force leaves over no more for long than to the other side."""
     if ecu.model_ticks == cal.response_ticks:
         return
     right: i32 = 0
-    if magnitude(left) + cal.steady_min < share(by_force, cal.steady_share[1]):
+    if magnitude(mismatch) + cal.steady_min < share(by_force, cal.steady_share[1]):
         right = 1
     ecu.model_ticks = lasting(ecu.model_ticks, right, cal.response_ticks)
 
 
-def force_uncertainty(ecu: Ecu, cal: Calibration, by_force: i32, left: i32) -> i32:
-    """Return what the model may be wrong by for so much lateral force, to the side of ``left``.
+def force_uncertainty(ecu: Ecu, cal: Calibration, by_force: i32, mismatch: i32) -> i32:
+    """Return what the model may be wrong by for so much lateral force, to the ``mismatch``'s side.
 
     Mass and height that are larger than designed for and softer springs leave over more to its own
     side than the reverse does to the other; until that was seen not to be so.
@@ -123,21 +125,23 @@ def force_uncertainty(ecu: Ecu, cal: Calibration, by_force: i32, left: i32) -> i
     own: i32 = cal.steady_share[0]
     if ecu.model_ticks == cal.response_ticks:
         own = cal.steady_share[1]
-    return share_by_side(own, cal.steady_share[1], by_force, left)
+    return share_by_side(own, cal.steady_share[1], by_force, mismatch)
 
 
-def watch_steady(ecu: Ecu, cal: Calibration, left: i32, by_yaw_rate: i32, wrong: i32) -> None:
-    """Judge the reported moments by what is ``left`` of the slow balance.
+def watch_steady(
+    ecu: Ecu, cal: Calibration, mismatch: i32, by_yaw_rate: i32, uncertainty: i32
+) -> None:
+    """Judge the reported moments by the slow balance's ``mismatch``.
 
-    ``by_yaw_rate`` as above: to the same side, it is the acceleration that may be wrong. ``wrong``
-    is what the model may be wrong by.
+    ``by_yaw_rate`` as above: to the same side, it is the acceleration that may be wrong.
+    ``uncertainty`` is that of the model.
     """
-    raise_threshold(ecu, STEADY, wrong, rsh(cal.response_pass, FADING))
-    late: i32 = product(ecu.balance_room[DAMPERS], cal.response_late[1], 10)
-    limit: i32 = sat31(ecu.balance_room[STEADY] + late + cal.steady_min)
-    if within(ecu, cal.response_limit) == 0 or side_of(left, by_yaw_rate, cal.steady_min) != 0:
+    raise_threshold(ecu, STEADY, uncertainty, rsh(cal.response_pass, FADING))
+    late: i32 = product(ecu.balance_uncertainty[DAMPERS], cal.response_late[1], 10)
+    limit: i32 = sat31(ecu.balance_uncertainty[STEADY] + late + cal.steady_min)
+    if within(ecu, cal.response_limit) == 0 or side_of(mismatch, by_yaw_rate, cal.steady_min) != 0:
         limit = STATE_MAX
-    accuse_axles(ecu, STEADY, left, limit, cal.response_ticks)
+    accuse_axles(ecu, STEADY, mismatch, limit, cal.response_ticks)
 
 
 def start_parts(ecu: Ecu, damping: i32, moment: i32, lateral: i32, momentum: i32) -> None:
@@ -152,7 +156,7 @@ def start_parts(ecu: Ecu, damping: i32, moment: i32, lateral: i32, momentum: i32
     ecu.balance_past[DAMPERS] = damping
 
 
-def rough(ecu: Ecu, cal: Calibration) -> i32:
+def road_uncertainty(ecu: Ecu, cal: Calibration) -> i32:
     """Return what dampers may make of unequal strokes, and of ones beyond their knee.
 
     Where the body only rolls or heaves both sides move alike, and rebound makes up for bump.
@@ -168,10 +172,10 @@ def rough(ecu: Ecu, cal: Calibration) -> i32:
     return shifted(made, 23)
 
 
-def watch_calm(ecu: Ecu, cal: Calibration, left: i32) -> None:
-    """Judge the slow balances once little is ``left`` of the start, nor may be of the model."""
+def watch_calm(ecu: Ecu, cal: Calibration, mismatch: i32) -> None:
+    """Judge the slow balances once the start's ``mismatch`` and the model's may be little."""
     calm: i32 = 0
-    if ecu.balance_room[BODY] + magnitude(left) < rsh(cal.steady_min, 1):
+    if ecu.balance_uncertainty[BODY] + magnitude(mismatch) < rsh(cal.steady_min, 1):
         calm = 1
     ecu.balance_ticks[LATERAL] = lasting(ecu.balance_ticks[LATERAL], calm, cal.response_ticks)
     if ecu.balance_ticks[LATERAL] == cal.response_ticks:
@@ -180,8 +184,8 @@ def watch_calm(ecu: Ecu, cal: Calibration, left: i32) -> None:
         ecu.balance_ticks[STEADY] = 0
 
 
-def watch_body(ecu: Ecu, cal: Calibration, left: i32, inertia: i32, bumpy: i32) -> None:
-    """Judge the reported moments by what is ``left`` over.
+def watch_body(ecu: Ecu, cal: Calibration, mismatch: i32, inertia: i32, bumpy: i32) -> None:
+    """Judge the reported moments by the ``mismatch`` of the quick balance.
 
     ``inertia`` is what the body's takes, ``bumpy`` what dampers may make of a rough road.
     """
@@ -196,13 +200,13 @@ def watch_body(ecu: Ecu, cal: Calibration, left: i32, inertia: i32, bumpy: i32) 
         # stops take up what actuators give up, and no spring shows it
         shares += cal.limit_share[0] * magnitude(inertia)
         shares += cal.limit_share[1] * magnitude(actuators)
-    wrong: i32 = sat31(shifted(shares, Q_SHARE) + bumpy)
-    raise_threshold(ecu, BODY, wrong, rsh(cal.response_pass, FADING))
+    uncertainty: i32 = sat31(shifted(shares, Q_SHARE) + bumpy)
+    raise_threshold(ecu, BODY, uncertainty, rsh(cal.response_pass, FADING))
     raise_threshold(ecu, SPRINGS, 0, cal.response_wash[0])
-    late: i32 = product(ecu.balance_room[DAMPERS], cal.response_late[0], 10)
-    start: i32 = ecu.balance_room[SPRINGS]
-    limit: i32 = sat31(ecu.balance_room[BODY] + start + late + cal.response_min)
-    accuse_axles(ecu, BODY, left, limit, cal.response_ticks)
+    late: i32 = product(ecu.balance_uncertainty[DAMPERS], cal.response_late[0], 10)
+    start: i32 = ecu.balance_uncertainty[SPRINGS]
+    limit: i32 = sat31(ecu.balance_uncertainty[BODY] + start + late + cal.response_min)
+    accuse_axles(ecu, BODY, mismatch, limit, cal.response_ticks)
 
 
 def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
@@ -233,28 +237,29 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
         # springs that bear a curve, or a body that is speeding up by as much
         raise_threshold(ecu, SPRINGS, product(cal.response_limit, cal.response_lateral, 20), 0)
     stretched: i32 = product(damping, cal.response_stretch, 30)
-    bumpy: i32 = rough(ecu, cal)
+    bumpy: i32 = road_uncertainty(ecu, cal)
     mean_change(ecu, cal, DAMPERS, damping)
-    wrong: i32 = residual(ecu, cal, LATERAL, acting, momentum)
-    stretch(ecu, LATERAL, stretched)
+    lateral_mismatch: i32 = residual(ecu, cal, LATERAL, acting, momentum)
+    deflect(ecu, LATERAL, stretched)
     by_force: i32 = high_pass(ecu, STEADY, lateral, washout(ecu, cal, STEADY))
     if ecu.response_known == BOTH:
         turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
         by_yaw_rate: i32 = product(turning - ecu.lateral_acceleration, cal.response_lateral, 20)
-        excused: i32 = lateral_uncertainty(ecu, cal, sat31(wrong + by_force), moment, wrong)
-        watch_lateral_balance(ecu, cal, wrong, by_yaw_rate, excused)
-        watch_model(ecu, cal, by_force, wrong)
-        may_be: i32 = force_uncertainty(ecu, cal, by_force, wrong) + share(
+        shown: i32 = sat31(lateral_mismatch + by_force)
+        excused: i32 = lateral_uncertainty(ecu, cal, shown, moment, lateral_mismatch)
+        watch_lateral_balance(ecu, cal, lateral_mismatch, by_yaw_rate, excused)
+        watch_model(ecu, cal, by_force, lateral_mismatch)
+        may_be: i32 = force_uncertainty(ecu, cal, by_force, lateral_mismatch) + share(
             moment, cal.steady_share[2]
         )
-        watch_steady(ecu, cal, wrong, by_yaw_rate, sat31(may_be + bumpy))
+        watch_steady(ecu, cal, lateral_mismatch, by_yaw_rate, sat31(may_be + bumpy))
     side_force: i32 = residual(ecu, cal, SIDE_FORCE, lateral, 0)
     springs: i32 = residual(ecu, cal, SPRINGS, 0, 0)
     dampers: i32 = residual(ecu, cal, DAMPERS, damping, 0)
     actuators: i32 = residual(ecu, cal, ACTUATORS, moment, 0)
     inertia: i32 = residual(ecu, cal, BODY, 0, momentum)
-    stretch(ecu, SPRINGS, stretched)
-    left: i32 = sat31(inertia + springs + dampers - side_force - actuators)
-    watch_body(ecu, cal, left, inertia, bumpy)
+    deflect(ecu, SPRINGS, stretched)
+    mismatch: i32 = sat31(inertia + springs + dampers - side_force - actuators)
+    watch_body(ecu, cal, mismatch, inertia, bumpy)
     if ecu.response_known == ONE_BALANCE:
-        watch_calm(ecu, cal, left)
+        watch_calm(ecu, cal, mismatch)

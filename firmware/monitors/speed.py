@@ -33,4 +33,4 @@ def watch_speed(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
             ecu.speed_ticks = 0
     if ecu.speed_fell == 1:
         ecu.speed = ecu.speed_kept
-        ecu.found = ecu.found | (1 << FAULT_SPEED)
+        ecu.detected = ecu.detected | (1 << FAULT_SPEED)

@@ -386,16 +386,16 @@ def test_what_is_commanded_is_a_moment_but_for_dampers_and_valves(actuator, unkn
 def test_more_than_fifteen_fault_codes_are_shown_as_fifteen():
     ecu = rig.started(rig.calibration())
     for number in (1, 14, 15, 16, 28):
-        ecu.found = (1 << number) - 1
+        ecu.detected = (1 << number) - 1
         sv.latch_faults(ecu)
         assert ecu.fault_number == min(number, 15)
-        assert ecu.fault_active == ecu.fault_latched == ecu.found
+        assert ecu.fault_active == ecu.fault_latched == ecu.detected
     assert ecu.fault_count == [1] * 28
-    ecu.found = 1
+    ecu.detected = 1
     sv.latch_faults(ecu)
     assert (ecu.fault_number, ecu.fault_active) == (1, 1)
     assert ecu.fault_latched == (1 << 28) - 1
-    ecu.found = 3
+    ecu.detected = 3
     for _ in range(3):
         sv.latch_faults(ecu)
     assert ecu.fault_count == [1, 2, *[1] * 26]

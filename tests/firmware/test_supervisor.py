@@ -469,7 +469,7 @@ def test_fault_codes_are_latched_counted_and_shown_on_the_bus():
 def test_occurrences_saturate():
     ecu = rig.started(rig.calibration())
     for found in 300 * [1 << 9, 0]:
-        ecu.found = found
+        ecu.detected = found
         sv.latch_faults(ecu)
     assert ecu.fault_count[9] == 255
     assert ecu.fault_number == 0

@@ -84,7 +84,7 @@ def test_a_balance_starts_with_nothing_left_over():
     ecu = rig.started(cal)
     raise_threshold(ecu, AXLES, 1000, 0)
     start_balance(ecu, AXLES, 5000, -7000)
-    assert ecu.balance_room[AXLES] == 0
+    assert ecu.balance_uncertainty[AXLES] == 0
     assert residual(ecu, cal, AXLES, 5000, -7000) == 0
 
 
@@ -93,7 +93,7 @@ def test_room_grows_at_once_and_fades():
     rooms = []
     for size in [0, 1 << 20, 0, 0, 1 << 10]:
         raise_threshold(ecu, BODY, size, 1 << 28)
-        rooms.append(ecu.balance_room[BODY])
+        rooms.append(ecu.balance_uncertainty[BODY])
     assert rooms == [0, 1 << 20, 3 << 18, 9 << 16, 27 << 14]
 
 

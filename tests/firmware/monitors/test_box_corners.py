@@ -18,7 +18,7 @@ from firmware import calibration as fw
 from firmware.monitors.axles import watch_axles
 from firmware.monitors.balance import HEAVE
 from firmware.monitors.heave import watch_heave
-from firmware.monitors.response import rough
+from firmware.monitors.response import road_uncertainty
 from firmware.state import RX_IMU, Ecu
 from gain_gen.calibration.response_part import response_fields
 from gain_gen.models.task import Delay, Task
@@ -182,4 +182,4 @@ def test_what_is_allowed_on_a_rough_road_covers_rebound_and_the_dampers_knee(rat
     by_axle = np.array(cal.response_stroke) / 2**10
     moment = by_axle @ [forces[0] - forces[1], forces[2] - forces[3]]
     ecu.stroke_rate = [round(rate * 2**fw.Q_RATE) for rate in rates]
-    assert abs(moment) <= rough(ecu, cal) / 2**fw.Q_MOMENT + 1.0
+    assert abs(moment) <= road_uncertainty(ecu, cal) / 2**fw.Q_MOMENT + 1.0

@@ -24,10 +24,10 @@ def ticks(ecu: Ecu, cal: fw.Calibration, elapsed: int, counter: int | None) -> b
     ecu.fresh[RX_IMU] = 0 if counter is None else RX_SIGNALS[RX_IMU]
     if counter is not None:
         ecu.imu_sample = counter % 16
-    ecu.found = 0
+    ecu.detected = 0
     watch_clock(ecu, cal, elapsed)
-    assert ecu.found in (0, BIT)
-    return ecu.found == BIT
+    assert ecu.detected in (0, BIT)
+    return ecu.detected == BIT
 
 
 def begun(cal: fw.Calibration) -> Ecu:

@@ -70,9 +70,9 @@ def test_it_takes_three_late_echoes_in_a_row():
     reported = []
     for ticks, counter in ((DUE, 9), (0, 8), (-1, 9), (1, 9), (0, 8), (0, 7), (0, 6)):
         sent.after(ticks, counter)
-        ecu.found = 0
+        ecu.detected = 0
         watch_echo(ecu)
-        reported.append(ecu.found)
+        reported.append(ecu.detected)
     assert reported == [0, 0, 0, 0, 0, BIT, BIT]
     assert ecu.late_echoes == LATE_ECHOES == 3
 
@@ -80,9 +80,9 @@ def test_it_takes_three_late_echoes_in_a_row():
 def test_what_is_found_beside_it_stays():
     sent = Sent(1)
     sent.ecu.late_echoes = LATE_ECHOES
-    sent.ecu.found = 1
+    sent.ecu.detected = 1
     watch_echo(sent.ecu)
-    assert sent.ecu.found == BIT | 1
+    assert sent.ecu.detected == BIT | 1
 
 
 @pytest.mark.parametrize("behind", range(15))

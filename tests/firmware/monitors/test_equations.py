@@ -26,7 +26,7 @@ AXLES_SIDE = 40.0
 REAR, AT_CENTRES, YAW = 1.2, -150.0, 4000.0
 HEAVE_STRETCH = (300.0, 250.0)
 TRACK, ROLLING_SHARE, TYRES = (0.6, 0.65), 0.25, 4e-5
-PARTS = ("spring", "slow", "past", "room")
+PARTS = ("spring", "slow", "past", "uncertainty")
 TICKS = 300
 LEAST = 1.0
 """What a balance may always have left over, N·m."""
@@ -117,10 +117,10 @@ class Balance:
     spring: float = 0.0
     slow: float = 0.0
     past: float = 0.0
-    room: float = 0.0
+    uncertainty: float = 0.0
 
     def start(self, acting: float, momentum: float) -> None:
-        self.spring, self.slow, self.past, self.room = -acting, -momentum, 0.0, 0.0
+        self.spring, self.slow, self.past, self.uncertainty = -acting, -momentum, 0.0, 0.0
 
     def residual(self, acting: float, momentum: float) -> float:
         washed = self.spring + acting
@@ -134,7 +134,7 @@ class Balance:
         return fresh
 
     def raise_threshold(self, size: float, fading: float) -> None:
-        self.room = max(size, self.room * (1.0 - fading))
+        self.uncertainty = max(size, self.uncertainty * (1.0 - fading))
 
 
 @dataclass(slots=True)
@@ -169,13 +169,13 @@ class Floats:
             b[balance.LATERAL].start(acting, momentum)
             b[balance.STEADY].start(0.0, 0.0)
             b[balance.DAMPERS].past = damping
-            b[balance.SPRINGS].room = 3.0 * ARM
+            b[balance.SPRINGS].uncertainty = 3.0 * ARM
         stretched = STRETCH * damping
         bumps = [abs(abs(strokes[2 * n]) - abs(strokes[2 * n + 1])) * ROUGH[n] for n in range(2)]
         fast = [max(abs(stroke) - KNEE, 0.0) for stroke in strokes]
         bumps += [(fast[2 * n] + fast[2 * n + 1]) * FAST[n] for n in range(2)]
         changed = b[balance.DAMPERS].new(damping, 1.0)
-        b[balance.DAMPERS].room += (abs(changed) - b[balance.DAMPERS].room) / 1024.0
+        b[balance.DAMPERS].uncertainty += (abs(changed) - b[balance.DAMPERS].uncertainty) / 1024.0
         slowly = b[balance.LATERAL].residual(acting, momentum)
         b[balance.LATERAL].spring += stretched
         by_force = b[balance.STEADY].new(side, b[balance.STEADY].wash)
@@ -199,7 +199,7 @@ class Floats:
         b[balance.BODY].raise_threshold(wrong, FADING)
         b[balance.SPRINGS].raise_threshold(0.0, QUICK)
         left = inertia + parts[1] + parts[2] - parts[0] - parts[3]
-        calm = b[balance.BODY].room + abs(left) < CALM
+        calm = b[balance.BODY].uncertainty + abs(left) < CALM
         self.calm = self.calm + 1 if calm else 0
         if self.calm == CALM_TICKS and not self.judged:
             self.judged = True
@@ -236,7 +236,9 @@ class Floats:
         moved = HEAVE_STRETCH[0] * (strokes[0] + strokes[1])
         moved += HEAVE_STRETCH[1] * (strokes[2] + strokes[3])
         of_springs.spring += moved
-        of_springs.room += (abs(of_springs.new(moved, 1.0)) - of_springs.room) / 1024.0
+        of_springs.uncertainty += (
+            abs(of_springs.new(moved, 1.0)) - of_springs.uncertainty
+        ) / 1024.0
 
     def rolling(self, it: Sample) -> None:
         front = TRACK[0] * (it.strokes[0] - it.strokes[1])

@@ -49,10 +49,10 @@ class Sensor:
         setattr(ecu, counter, self.count % 16)
         if valid:
             setattr(ecu, self.name, round(value * self.most * 2**self.q))
-        ecu.found = 0
+        ecu.detected = 0
         watch_erratic(ecu, self.cal, elapsed)
-        assert ecu.found in (0, BIT)
-        return ecu.found == BIT
+        assert ecu.detected in (0, BIT)
+        return ecu.detected == BIT
 
     def all(self, values: Sequence[float]) -> list[bool]:
         """Give samples in a row."""

@@ -261,6 +261,6 @@ def test_a_mirrored_motion_is_safe_and_a_fault_code():
     cal = mirror()
     ecu = moving(cal)
     ecu.motion_contradicted = 1
-    ecu.found = 0
+    ecu.detected = 0
     assert sv.watch_imu(ecu, cal, 1) == sv.UNSAFE
-    assert ecu.found >> sv.FAULT_MOTION_CONTRADICTED & 1 == 1
+    assert ecu.detected >> sv.FAULT_MOTION_CONTRADICTED & 1 == 1

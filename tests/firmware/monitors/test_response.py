@@ -10,7 +10,12 @@ from firmware import calibration as fw
 from firmware import plausibility as sv
 from firmware.com.signals import RX_SIGNALS
 from firmware.monitors.balance import BODY, BOTH, DAMPERS, LATERAL, ONE_BALANCE, STEADY
-from firmware.monitors.response import force_uncertainty, rough, watch_model, watch_response
+from firmware.monitors.response import (
+    force_uncertainty,
+    road_uncertainty,
+    watch_model,
+    watch_response,
+)
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, SAFE, Ecu
 from firmware.supervisor import supervise
 
@@ -192,7 +197,7 @@ def test_dampers_of_unequal_strokes_may_be_wrong_by_half(strokes, share):
     ecu = known(cal)
     ecu.stroke_rate = [round(stroke * 2**fw.Q_RATE) for stroke in strokes]
     expected = share * VAN.damping / TRACK * 0.5
-    assert rough(ecu, cal) / 2**fw.Q_MOMENT == pytest.approx(expected, rel=1e-3, abs=1.0)
+    assert road_uncertainty(ecu, cal) / 2**fw.Q_MOMENT == pytest.approx(expected, rel=1e-3, abs=1.0)
 
 
 def test_no_lasting_offset_counts():
@@ -217,7 +222,7 @@ def test_what_a_rough_road_adds_up_may_stay(rattled, wrong):
     cal = watched()
     ecu = known(cal)
     replay(ecu, cal, np.zeros((SETTLED, 4)))
-    ecu.balance_room[DAMPERS] = round(rattled * LEAST * 2**fw.Q_MOMENT)
+    ecu.balance_uncertainty[DAMPERS] = round(rattled * LEAST * 2**fw.Q_MOMENT)
     jump = np.zeros((40, 4))
     jump[:, 3] = 4.0 * LEAST
     replay(ecu, cal, jump)
@@ -483,7 +488,7 @@ def test_little_is_half_of_what_may_always_be_left_over(times, judged):
     for _ in range(TICKS):
         assert ecu.response_known != BOTH
         replay(ecu, cal, np.zeros((1, 4)))
-        ecu.balance_room[BODY] = round(0.5 * times * STEADY_LEAST * 2**fw.Q_MOMENT)
+        ecu.balance_uncertainty[BODY] = round(0.5 * times * STEADY_LEAST * 2**fw.Q_MOMENT)
     replay(ecu, cal, np.zeros((1, 4)))
     assert ecu.response_known == judged
 

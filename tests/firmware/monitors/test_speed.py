@@ -19,11 +19,11 @@ def judged(samples, fall=FALL, noise=NOISE):
     cal = rig.calibration(speed_fall=fall, speed_noise=noise, fade_low=0, fade_high=WALKING)
     ecu = rig.started(cal)
     for elapsed, speed in samples:
-        ecu.found, ecu.fresh[RX_VEHICLE_MOTION] = 0, 0
+        ecu.detected, ecu.fresh[RX_VEHICLE_MOTION] = 0, 0
         if speed is not None:
             ecu.speed, ecu.fresh[RX_VEHICLE_MOTION], ecu.valid[RX_VEHICLE_MOTION] = speed, 67, 3
         watch_speed(ecu, cal, elapsed)
-        assert ecu.speed_fell == ecu.found >> FAULT_SPEED & 1
+        assert ecu.speed_fell == ecu.detected >> FAULT_SPEED & 1
         yield ecu.speed, ecu.speed_fell
 
 

@@ -98,7 +98,7 @@ def test_an_erratic_signal_fades_in_the_same_time(k, expected, tick, imu, motion
 def test_the_mean_of_changes_forgets_in_the_same_time(tick):
     cal = fill(response_fields(task_at(tick), DEFAULT))
     ecu = Ecu()
-    ecu.balance_room[DAMPERS] = BIG
+    ecu.balance_uncertainty[DAMPERS] = BIG
 
     def step() -> float:
         return mean_change(ecu, cal, DAMPERS, 0) / BIG
