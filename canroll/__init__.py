@@ -8,8 +8,13 @@ The public interface in one place; heavy modules are imported on first use:
 * :func:`design` finds and verifies a control law,
 * :func:`margins` verifies a calibration again,
 * :func:`plot` draws a run,
-* :func:`compare`, :func:`sweep`, :func:`campaign` and :func:`severe` drive many runs; each result
-  has a :class:`Table`.
+* :func:`drive` steps a car and its ECU, for code of your own in the loop,
+* :func:`compare`, :func:`sweep`, :func:`campaign` and :func:`severe` drive many runs,
+* :func:`understeer`, :func:`response` and :func:`limit` test a vehicle,
+* :func:`fit` finds its numbers from a measured drive, :func:`validate` judges them by another,
+* :func:`bus` computes response times and delays of a network, traffic set or log.
+
+Each result has a verdict or figures as its ``repr``, and a ``table`` (:class:`Table`).
 """
 
 from importlib import import_module
@@ -20,6 +25,9 @@ from canroll.errors import CanrollError, UnknownNameError, VerdictError
 if TYPE_CHECKING:
     from canroll.campaigns.study import campaign
     from canroll.cases.execution import Execution
+    from canroll.exchange.stepping import drive
+    from canroll.handling.vehicle_tests import limit, response, understeer
+    from canroll.network.responses import bus
     from canroll.report.picture import plot
     from canroll.runs.experiment import run
     from canroll.runs.result import Result
@@ -42,16 +50,21 @@ __all__ = [
     "Task",
     "UnknownNameError",
     "VerdictError",
+    "bus",
     "campaign",
     "compare",
     "design",
+    "drive",
+    "limit",
     "load_calibration",
     "load_vehicle",
     "margins",
     "plot",
+    "response",
     "run",
     "severe",
     "sweep",
+    "understeer",
 ]
 
 _HOMES = {
@@ -61,16 +74,21 @@ _HOMES = {
     "Result": ("canroll.runs.result", "Result"),
     "Table": ("canroll.table", "Table"),
     "Task": ("gain_gen.models.task", "Task"),
+    "bus": ("canroll.network.responses", "bus"),
     "campaign": ("canroll.campaigns.study", "campaign"),
     "compare": ("canroll.studies.comparison", "compare"),
     "design": ("gain_gen.design", "design"),
+    "drive": ("canroll.exchange.stepping", "drive"),
+    "limit": ("canroll.handling.vehicle_tests", "limit"),
     "load_calibration": ("gain_gen.calibration.calibration_file", "load"),
     "load_vehicle": ("vehicles", "load"),
     "margins": ("gain_gen.margin_report", "margin_report"),
     "plot": ("canroll.report.picture", "plot"),
+    "response": ("canroll.handling.vehicle_tests", "response"),
     "run": ("canroll.runs.experiment", "run"),
     "severe": ("canroll.studies.severe", "study"),
     "sweep": ("canroll.studies.comparison", "sweep"),
+    "understeer": ("canroll.handling.vehicle_tests", "understeer"),
 }
 
 
@@ -80,3 +98,8 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401
         raise AttributeError(f"module 'canroll' has no attribute '{name}'")
     module, attribute = _HOMES[name]
     return getattr(import_module(module), attribute)
+
+
+def __dir__() -> list[str]:
+    """Show the public names alone, also those that are not imported yet."""
+    return sorted(__all__)

@@ -37,7 +37,7 @@ class Until:
         return summary.sequence(self.event).width <= self.width
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Campaign:
     """What a campaign found.
 
@@ -56,6 +56,12 @@ class Campaign:
     until: Until | None = None
     file: Path | None = None
     draws: Columns | None = None
+
+    def __repr__(self) -> str:
+        settings = self.plan.settings
+        return (
+            f"<{settings.scenario}, {settings.vehicle_name}, {settings.law_name}: {self.verdict}>"
+        )
 
     @property
     def table(self) -> Table:

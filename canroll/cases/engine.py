@@ -2,6 +2,7 @@
 
 import pickle
 import signal
+import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
@@ -9,10 +10,12 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from multiprocessing import get_context
+from multiprocessing.context import ForkServerContext, ForkServerProcess
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from secrets import token_hex
 from tempfile import TemporaryDirectory
+from types import ModuleType
 from typing import Any, TypeVar
 
 from canroll.cases.store import Store
@@ -97,7 +100,7 @@ def engine(scheduler: str, jobs: int) -> Iterator[Engine]:
         yield HERE
         return
     # workers are forked from a process that has everything imported and no threads
-    context = get_context("forkserver")
+    context = _Context()
     context.set_forkserver_preload(["canroll.runs.experiment"])
     pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_undisturbed)
     with TemporaryDirectory(prefix="canroll-") as folder:
@@ -114,6 +117,26 @@ def engine(scheduler: str, jobs: int) -> Iterator[Engine]:
             yield Engine(pool, jobs, common)
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+class _Worker(ForkServerProcess):
+    """A process that does not begin with the user's script, which it needs nothing of.
+
+    As a rule a script has no main guard: each process would do all over again what it does.
+    """
+
+    @staticmethod
+    def _Popen(process: BaseProcess) -> Any:  # noqa: ANN401, N802 - a method of the base
+        script = sys.modules["__main__"]
+        sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            return ForkServerProcess._Popen(process)
+        finally:
+            sys.modules["__main__"] = script
+
+
+class _Context(ForkServerContext):
+    Process = _Worker
 
 
 def _undisturbed() -> None:

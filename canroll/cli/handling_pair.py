@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from canroll.cli import terminal
 from canroll.cli.options import choices_of
 from canroll.errors import CanrollError, writing
+from canroll.handling.controlled_handling import Control, Pair, compared, limit_of
 from canroll.report.page import PageTable
 from canroll.runs import experiment
 from canroll.runs.result import Settings
 from canroll.setup.choices import PASSIVE
 from canroll.setup.controller import PreparedController
-from canroll.studies.controlled_handling import Control, Pair, compared, limit_of
 from firmware.calibration import VALVES
 from plant_sim.world import handling
 from plant_sim.world.handling import LINEAR_ACCELERATION as UP_TO

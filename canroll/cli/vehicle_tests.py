@@ -3,9 +3,8 @@
 import argparse
 import json
 import sys
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from math import degrees
-from typing import Any
 
 import numpy as np
 
@@ -15,22 +14,18 @@ from canroll.cli.cases import driven
 from canroll.cli.options import choices_of
 from canroll.cli.run_parsers import CONTROL
 from canroll.errors import CanrollError
+from canroll.handling import vehicle_tests as handling_study
+from canroll.handling.linear_response import linear_response, to_json
+from canroll.handling.linear_response_view import draw, tables, trim_of
 from canroll.report.page import PageTable
 from canroll.report.run_folder import write_page
 from canroll.report.staging import page_folder
-from canroll.runs import experiment
-from canroll.runs.result import Settings
-from canroll.setup.choices import PASSIVE, chosen
-from canroll.setup.controller import PreparedController
+from canroll.setup.choices import chosen
 from canroll.studies import severe as severe_manoeuvres
-from canroll.studies.linear_response import linear_response, to_json
-from canroll.studies.linear_response_view import draw, tables, trim_of
 from plant_sim import bodies
 from plant_sim.bodies.ports import Body
-from plant_sim.driving import maneuvers, standards
-from plant_sim.driving.limit import Limited, limited_by
+from plant_sim.driving import maneuvers
 from plant_sim.world import handling
-from plant_sim.world.handling import SpeedLimit
 from vehicles import Vehicle
 from vehicles.unladen import unladen
 
@@ -78,8 +73,7 @@ def understeer(args: argparse.Namespace) -> int:
 
 def response(args: argparse.Namespace) -> int:
     """Run the frequency-response test of ISO 7401 and print its table, or linearise."""
-    if not 20.0 <= args.speed <= 200.0:
-        raise CanrollError(f"speed {args.speed:g} km/h: must be 20 to 200 km/h")
+    handling_study.check_speed(args.speed)
     vehicle, body = _vehicle_and_body(args)
     if _with_control(args):
         return handling_pair.response(args)
@@ -156,115 +150,23 @@ def _linear(args: argparse.Namespace, vehicle: Vehicle, body: Body) -> int:
     return 0
 
 
-JUDGED = ("double_lane_change", "fishhook", "j_turn", "moose", "sine_with_dwell")
-"""Manoeuvres that have criteria to pass or fail by."""
-
-
-def find(
-    settings: Settings,
-    controller: PreparedController,
-    *,
-    enabled: bool,
-    low: float,
-    high: float,
-    tolerance: float,
-) -> SpeedLimit:
-    """Bisect the entry speed between ``low`` and ``high``; speeds and ``tolerance`` in m/s."""
-
-    def fails(speed: float) -> bool:
-        trace = experiment.drive(replace(settings, speed=speed), controller, enabled=enabled)
-        if trace.signals["rollover"].max() > 0:
-            return True
-        verdicts = standards.judge(settings.scenario, settings.vehicle, trace.signals)
-        return not all(verdict.passed for verdict in verdicts)
-
-    return handling.bisect_speed(fails, low=low, high=high, tolerance=tolerance)
-
-
 def limit(args: argparse.Namespace) -> int:
     """Bisect without and with control; print both limits and what limited them; return 0."""
-    slowest, fastest = (speed * 3.6 for speed in maneuvers.speed_range(args.scenario))
-    if args.scenario not in JUDGED:
-        raise CanrollError(f"{args.scenario} has no pass criterion: choose {', '.join(JUDGED)}")
-    high = fastest if args.high is None else args.high
-    if not slowest <= args.low < high <= fastest + 1e-6:
-        raise CanrollError(
-            f"speeds {args.low:g} to {high:g} km/h: {args.scenario} is driven at {slowest:g} to "
-            f"{fastest:g} km/h, and --from must lie below --to"
-        )
-    if not 0.01 <= args.tolerance <= high - args.low:
-        raise CanrollError(f"tolerance {args.tolerance:g} km/h: must lie in 0.01 to the range")
-    settings, controller = experiment.plan(args.scenario, **choices_of(args))
-    bracket = {
-        "low": args.low / 3.6,
-        "high": high / 3.6,
-        "tolerance": args.tolerance / 3.6,
-    }
-    limits = {"passive": find(settings, controller, enabled=False, **bracket), "controlled": None}
-    if settings.law != PASSIVE:
-        limits["controlled"] = find(settings, controller, enabled=True, **bracket)
-    answer: dict[str, Any] = {
-        "scenario": settings.scenario,
-        **settings.vehicles,
-        "law": settings.law,
-        "plant": settings.plant,
-        "from_kmh": args.low,
-        "to_kmh": round(high, 6),
-    }
-    reasons = {
-        name: _reason(settings, controller, speed_limit, name)
-        for name, speed_limit in limits.items()
-    }
-    for name, speed_limit in limits.items():
-        answer[name] = None if speed_limit is None else _kmh(speed_limit) | _limited(reasons[name])
-    if args.json:
-        print(json.dumps(answer))
-        return 0
-    print(f"{maneuvers.title(settings.scenario)}, {settings.vehicle.name}, {settings.plant} plant")
-    for name, speed_limit in limits.items():
-        if speed_limit is not None:
-            print(f"  {name:11}{_words(speed_limit)}{_because(reasons[name])}")
-    return 0
-
-
-def _reason(
-    settings: Settings, controller: PreparedController, speed_limit: SpeedLimit | None, name: str
-) -> Limited | None:
-    """Return what limited the slowest failed run; None if none failed."""
-    if speed_limit is None or speed_limit.failed is None:
-        return None
-    trace = experiment.drive(
-        replace(settings, speed=speed_limit.failed), controller, enabled=name == "controlled"
+    result = handling_study.limit(
+        args.scenario,
+        low_kmh=args.low,
+        high_kmh=args.high,
+        tolerance_kmh=args.tolerance,
+        **choices_of(args),
     )
-    common = maneuvers.options(settings.scenario)["friction"]
-    friction = float(dict(settings.options).get("friction", common))
-    return limited_by(settings.vehicle, trace.signals, friction)
-
-
-def _limited(reason: Limited | None) -> dict[str, str | None]:
-    return {
-        "limited_by": None if reason is None else reason.by,
-        "reason": None if reason is None else reason.reason,
-    }
-
-
-def _because(reason: Limited | None) -> str:
-    return "" if reason is None else f"; limited by the {reason.by}: {reason.reason}"
-
-
-def _kmh(limit: SpeedLimit) -> dict[str, float | None]:
-    speeds = {"passed_kmh": limit.passed, "failed_kmh": limit.failed}
-    return {
-        name: None if speed is None else round(speed * 3.6, 3) for name, speed in speeds.items()
-    }
-
-
-def _words(limit: SpeedLimit) -> str:
-    if limit.passed is None:
-        return f"fails already at {(limit.failed or 0.0) * 3.6:.1f} km/h"
-    if limit.failed is None:
-        return f"passes up to {limit.passed * 3.6:.1f} km/h, the fastest tried"
-    return f"passes up to {limit.passed * 3.6:.1f} km/h, fails at {limit.failed * 3.6:.1f}"
+    if args.json:
+        print(json.dumps(result.to_json()))
+        return 0
+    settings = result.settings
+    print(f"{maneuvers.title(settings.scenario)}, {settings.vehicle.name}, {settings.plant} plant")
+    for name, one in result.runs.items():
+        print(f"  {name:11}{one.sentence}")
+    return 0
 
 
 def severe(args: argparse.Namespace) -> int:

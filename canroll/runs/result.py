@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from canroll.errors import optional
 from canroll.reaction.reaction import Reaction
 from canroll.runs.limit_cycle import LimitCycle
-from canroll.runs.metrics import NUMBERS, Can, Metrics, Trigger
+from canroll.runs.metrics import BY_KEY, NUMBERS, Can, Metrics, Trigger
 from canroll.runs.phase import Phase
 from canroll.runs.standard import Standard, StandardOutcome
 from canroll.runs.trace import Trace
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 SAVED = tuple(name for name, choice in CHOICES.items() if choice.saved)
 """The choices stored in results; all others are in their calibration."""
+SHOWN = ("roll_max_deg", "nlt_front_max", "nlt_rear_max")
+"""Metrics of a result's ``repr``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +149,7 @@ class Settings:
         return cls(**own, **same, **others)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Result:
     """One manoeuvre driven without and with control.
 
@@ -228,6 +230,21 @@ class Result:
         pandas = optional("pandas", "to_pandas()", "notebook")
         return pandas.concat(runs, axis="columns", names=["run", "signal"])
 
+    @property
+    def title(self) -> str:
+        """Manoeuvre, vehicle and law."""
+        return f"{self.settings.scenario}, {self.settings.vehicle_name}, {self.settings.law_name}"
+
+    def __repr__(self) -> str:
+        figures = []
+        for metric in (BY_KEY[key] for key in SHOWN):
+            runs = (self.passive_metrics, self.controlled_metrics)
+            values = [getattr(metrics, metric.key) for metrics in runs if metrics is not None]
+            texts = [f"{v:.3g}" for v in values if v is not None]
+            if texts:
+                figures.append(f"{metric.title} {' → '.join(texts)}")
+        return f"<{self.title}: {self.verdict}; {', '.join(figures)}>"
+
     def _repr_html_(self) -> str:
         """The verdict and the figures, for a notebook."""
         runs = {"passive": self.passive_metrics, "controlled": self.controlled_metrics}
@@ -238,10 +255,8 @@ class Result:
             values = [getattr(metrics, metric.key) for metrics in shown.values()]
             cells = "".join(f"<td>{'' if v is None else f'{v:.3g}'}</td>" for v in values)
             rows += f"<tr><th>{escape(metric.title)}</th>{cells}</tr>"
-        settings = self.settings
-        title = f"{settings.scenario}, {settings.vehicle_name}, {settings.law_name}"
         return (
-            f"<p><b>{escape(title)}</b><br>{escape(self.verdict)}</p>"
+            f"<p><b>{escape(self.title)}</b><br>{escape(self.verdict)}</p>"
             f"<table><tr><th></th>{head}</tr>{rows}</table>"
         )
 

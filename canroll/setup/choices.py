@@ -14,6 +14,7 @@ from typing import Annotated, Any, TypedDict, get_args, get_origin, get_type_hin
 
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.setup.choice import Choice
+from canroll.typing import StateSpace
 from codegen.run import BACKENDS
 from gain_gen.laws import LAWS, OBSERVERS
 from plant_sim.bodies import BODIES
@@ -261,7 +262,7 @@ class Choices(TypedDict, total=False):
         ),
     ]
     matrices: Annotated[
-        str | Path | None,
+        StateSpace | Mapping[str, Any] | str | Path | None,
         Choice(
             option="--matrices",
             help="file with the gains of --law custom: .toml, .npz or .mat",

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from canroll.setup.bus_frames import absent, profile_of
 from canroll.setup.choices import CHOICES, PASSIVE, check, chosen
 from canroll.setup.delay import sample_to_force
 from canroll.setup.own_stages import stage_of
+from canroll.typing import StateSpace
 from codegen.generated import own_stage
 from codegen.generated.mailbox import SAMPLE_COUNTERS
 from codegen.generated.own_stage import OwnStage
@@ -141,11 +143,31 @@ def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
         gains=chosen(choices, "gains"),
         feedforward=chosen(choices, "feedforward"),
         moment_share=choices.get("moment_share"),
-        matrices=str(choices.get("matrices") or ""),
+        matrices=_matrices_of(choices.get("matrices"), tick),
         unverified=chosen(choices, "unverified"),
         resolution=resolution,
         periods=periods,
     )
+
+
+def _matrices_of(given: Any, tick: float) -> str | dict[str, Any]:  # noqa: ANN401
+    """Return the file of a law's matrices, or themselves as plain data; empty: none are given.
+
+    Raises:
+        CanrollError: a system that is continuous, or of another tick.
+    """
+    if given is None or isinstance(given, str | Path):
+        return str(given or "")
+    if isinstance(given, StateSpace):
+        period = getattr(given, "dt", None)
+        if period is not None and period is not True and not np.isclose(period, tick, rtol=1e-6):
+            what = f"sampled every {1e3 * period:g} ms" if period else "continuous"
+            raise CanrollError(
+                f"matrices: the system is {what}, the loop's tick is {1e3 * tick:g} ms: convert it "
+                f"to a sample time of {tick:g} s"
+            )
+        given = {name: getattr(given, name) for name in "ABCD"}
+    return {name: np.asarray(value).tolist() for name, value in given.items()}
 
 
 def options_of(choices: Mapping[str, Any], vehicle: Vehicle) -> QuantiseOptions:

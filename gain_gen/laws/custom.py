@@ -1,8 +1,9 @@
-"""A user's own gains from a file: state feedback, or a discrete compensator."""
+"""A user's own gains: state feedback, or a discrete compensator."""
 
 import io
 import math
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -41,8 +42,7 @@ def read_matrices(path: Path) -> dict[str, Matrix]:
     """Return the matrices of a .npz, .mat or .toml file by name.
 
     Raises:
-        CanrollError: unreadable, another suffix, an unknown name, not finite numbers, matrices of
-            a state feedback and of a compensator.
+        CanrollError: unreadable, another suffix, or as of :func:`checked_matrices`.
     """
     if path.is_dir():
         raise CanrollError(f"cannot read matrices {path}: it is a directory")
@@ -59,23 +59,36 @@ def read_matrices(path: Path) -> dict[str, Matrix]:
             entries = documents.toml(path)
         else:
             raise CanrollError(f"matrices {path}: give a .npz, .mat or .toml file")
-        matrices = {name: np.atleast_2d(np.asarray(v, float)) for name, v in entries.items()}
     except UNREADABLE as error:
         raise CanrollError(f"cannot read matrices {path}: {reason(error)}") from error
+    return checked_matrices(entries, str(path))
+
+
+def checked_matrices(entries: Mapping[str, Any], where: str) -> dict[str, Matrix]:
+    """Return matrices by name, as arrays.
+
+    Raises:
+        CanrollError: an unknown name, not finite numbers, matrices of a state feedback and of a
+            compensator.
+    """
+    try:
+        matrices = {name: np.atleast_2d(np.asarray(v, float)) for name, v in entries.items()}
+    except UNREADABLE as error:
+        raise CanrollError(f"cannot read matrices {where}: {reason(error)}") from error
     unknown = sorted(set(matrices) - set(NAMES))
     if unknown:
         raise CanrollError(
-            f"{path}: unknown matrix '{unknown[0]}', expected one of {', '.join(NAMES)}"
+            f"{where}: unknown matrix '{unknown[0]}', expected one of {', '.join(NAMES)}"
         )
     for name, matrix in matrices.items():
         if not np.isfinite(matrix).all():
-            raise CanrollError(f"{path}: {name} has a number that is not finite")
+            raise CanrollError(f"{where}: {name} has a number that is not finite")
     kinds = [
         next((name for name in kind if name in matrices), "") for kind in (FEEDBACK, COMPENSATOR)
     ]
     if all(kinds):
         raise CanrollError(
-            f"{path}: {kinds[0]} is of a state feedback, {kinds[1]} of a compensator: give "
+            f"{where}: {kinds[0]} is of a state feedback, {kinds[1]} of a compensator: give "
             f"{', '.join(FEEDBACK)} or {', '.join(COMPENSATOR)}"
         )
     return matrices
@@ -122,12 +135,15 @@ def design_custom(task: Task) -> Solution:
     """
     if not task.matrices:
         raise CanrollError("--law custom needs its gains: add --matrices FILE")
-    path = Path(task.matrices)
-    matrices = read_matrices(path)
+    if isinstance(task.matrices, str):
+        where, matrices = task.matrices, read_matrices(Path(task.matrices))
+    else:
+        where = "matrices"
+        matrices = checked_matrices(task.matrices, where)
     if "K" in matrices:
         gain = np.ravel(matrices["K"])
         if len(gain) not in (2, 5):
-            raise CanrollError(f"{path}: K has {len(gain)} entries, it must have 2 or 5")
+            raise CanrollError(f"{where}: K has {len(gain)} entries, it must have 2 or 5")
         feedforward = float(np.ravel(matrices["Kff"])[0]) if "Kff" in matrices else 0.0
         controller = Controller(
             tick=task.tick,
@@ -139,7 +155,7 @@ def design_custom(task: Task) -> Solution:
         return Solution(controller, delay_aware=True, given=matrices)
     missing = [name for name in "ABCD" if name not in matrices]
     if missing:
-        raise CanrollError(f"{path}: give K, or A, B, C and D; {missing[0]} is missing")
+        raise CanrollError(f"{where}: give K, or A, B, C and D; {missing[0]} is missing")
     a, b, c, d = (matrices[name] for name in "ABCD")
     e = matrices.get("E", np.zeros((len(a), len(c))))
     try:
@@ -147,7 +163,7 @@ def design_custom(task: Task) -> Solution:
         _refuse_unstable(given)
         compensator = scaled_states(given, task.tick)
     except CanrollError as error:
-        raise CanrollError(f"{path}: {error}") from error
+        raise CanrollError(f"{where}: {error}") from error
     controller = Controller(
         tick=task.tick,
         observer=observer_of(task),

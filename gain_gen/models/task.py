@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from math import inf
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import dbc
 from canroll.build_cache import key, sources
@@ -109,7 +110,7 @@ class Task:
         gains: "computed", "theorem" (of the paper, on its 1-DOF model) or "as_printed".
         lateral: model of the lateral acceleration.
         noise: noise of the sensors.
-        matrices: file of a custom law, or empty.
+        matrices: file of a custom law, or its matrices by name; empty: none.
         order: order of a reduced compensator.
         gamma_target: H∞ level to certify, or zero for the least.
         moment_share: RMS moment over the RMS of the roll moment m h a_y, or None for the law's own.
@@ -127,7 +128,7 @@ class Task:
     gains: str = "computed"
     lateral: LateralModel = field(default_factory=LateralModel)
     noise: SensorNoise = field(default_factory=SensorNoise)
-    matrices: str = ""
+    matrices: str | Mapping[str, Any] = ""
     order: int = 4
     gamma_target: float = 0.0
     moment_share: float | None = None
@@ -180,7 +181,7 @@ class Solution:
     given: Mapping[str, Matrix] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Design:
     """A law for a vehicle, verified.
 
@@ -199,6 +200,11 @@ class Design:
     margins: Mapping[str, float]
     verified: Mapping[str, Check]
     warnings: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        verdict = "; ".join(self.failed) or ("verified" if self.is_verified else UNVERIFIED)
+        figures = ", ".join(in_words(*each) for each in islice(self.verified.items(), 3))
+        return f"<{self.law} for {self.task.vehicle.name}: {verdict}; {figures}>"
 
     @property
     def controller(self) -> Controller:

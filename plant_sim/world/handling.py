@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, VerdictError
+from canroll.table import Table
 from canroll.typing import Vector
 from plant_sim.bodies.ports import Body
 from plant_sim.driving.drive import ManeuverPlan, make_drive, steady_steer
@@ -56,7 +57,7 @@ class SteadyState:
     sideslip: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Understeer:
     """Constant-radius test: its steady states, and gradients of their linear part.
 
@@ -70,6 +71,28 @@ class Understeer:
     closed_form: float
     roll_gradient: float
     limit: float
+
+    @property
+    def table(self) -> Table:
+        """One row for each steady turn: km/h, m/s² and degrees at the road wheels."""
+        return Table(
+            [
+                {
+                    "speed_kmh": state.speed * 3.6,
+                    "lateral_acceleration": state.lateral_acceleration,
+                    "steer_deg": degrees(state.steer),
+                    "roll_deg": degrees(state.roll),
+                    "sideslip_deg": degrees(state.sideslip),
+                }
+                for state in self.states
+            ]
+        )
+
+    def __repr__(self) -> str:
+        return (
+            f"<circle of {self.radius:g} m: understeer gradient {self.gradient:.3f} °/g, "
+            f"roll gradient {self.roll_gradient:.2f} °/g, largest {self.limit:.2f} m/s²>"
+        )
 
 
 def constant_radius(vehicle: Vehicle, drive: Drive, *, radius: float = 100.0) -> Understeer:
@@ -136,7 +159,7 @@ def characteristic_speed(vehicle: Vehicle, gradient: float) -> float | None:
     return sqrt(wheelbase * GRAVITY / radians(gradient)) if gradient > 0.0 else None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class FrequencyResponse:
     """Complex response per road-wheel angle (rad) over ``frequency`` (Hz), SI units."""
 
@@ -145,6 +168,28 @@ class FrequencyResponse:
     yaw_rate: NDArray[np.complex128]
     lateral_acceleration: NDArray[np.complex128]
     roll: NDArray[np.complex128]
+
+    @property
+    def table(self) -> Table:
+        """One row for each frequency: gain per road-wheel angle, and phase in degrees."""
+        columns: dict[str, Vector] = {"frequency_hz": self.frequency}
+        for name in ("yaw_rate", "lateral_acceleration", "roll"):
+            row = getattr(self, name)
+            columns[name] = np.abs(row)
+            columns[f"{name}_phase_deg"] = np.degrees(np.unwrap(np.angle(row)))
+        rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+        return Table([dict(zip(columns, row, strict=True)) for row in rows])
+
+    def __repr__(self) -> str:
+        peaks = (
+            f"{words} {np.abs(row).max():.3g} at {self.frequency[np.abs(row).argmax()]:.2g} Hz"
+            for words, row in (
+                ("yaw rate 1/s", self.yaw_rate),
+                ("lateral acceleration m/s² per rad", self.lateral_acceleration),
+                ("roll", self.roll),
+            )
+        )
+        return f"<{self.speed * 3.6:g} km/h, largest gains: {', '.join(peaks)}>"
 
 
 def frequency_response(

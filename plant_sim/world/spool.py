@@ -200,6 +200,17 @@ class Columns(Mapping[str, NDArray[np.float64]]):
             first += len(part)
         return values
 
+    def last(self) -> dict[str, float]:
+        """Return the last value of each signal; empty where there is none yet."""
+        sizes, several = self._spool.sizes, len(self._places)
+        if not sizes:
+            return {}
+        number, rows = len(sizes) - 1, sizes[-1] // several
+        return {
+            name: float(self._spool.read(number, (place + 1) * rows - 1, 1)[0])
+            for name, place in self._places.items()
+        }
+
     def __iter__(self) -> Iterator[str]:
         """Iterate over the names."""
         yield from self._places

@@ -5,16 +5,22 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tomli_w
 
 import canroll
 from canroll.errors import EXTRAS
+from firmware.calibration import Q_MOMENT
 
 
 def test_every_public_name_is_there():
     for name in canroll.__all__:
         assert getattr(canroll, name).__doc__
+
+
+def test_completion_shows_the_public_names_and_nothing_else():
+    assert dir(canroll) == sorted(canroll.__all__)
 
 
 def test_importing_loads_nothing_heavy():
@@ -60,3 +66,85 @@ def test_a_design_needs_a_task_or_vehicle_and_delay():
     for given in ({}, {"vehicle": "van_real"}, {"delay": delay}, {"task": task, "delay": delay}):
         with pytest.raises(canroll.CanrollError, match="needs a task, or else vehicle and delay"):
             canroll.design("lqr", **given)
+
+
+def test_a_drive_is_stepped_and_moves_as_the_run():
+    choices = {"law": "lqr", "plant": "roll1", "seed": 3}
+    whole = canroll.run("double_lane_change", **choices).controlled
+    drive = canroll.drive("double_lane_change", **choices)
+    assert drive.signals == {}
+    roll, modes = [], []
+    while drive.step():
+        roll.append(drive.signals["roll"])
+        modes.append(drive.mode)
+    assert roll == [*whole.signals["roll"][9::10]][: len(roll)]
+    assert len(roll) == len(whole.ticks)
+    assert modes[0] == "INIT"
+    assert modes[-1] == "ACTIVE"
+    assert not drive.step()
+    # the records of the ECU's state are the run's, too
+    assert drive.ecu.moment == whole.ticks["moment"][-1] * 2**Q_MOMENT
+
+
+def test_matrices_may_be_given_as_they_are():
+    class System:
+        """As python-control has them."""
+
+        def __init__(self, dt):
+            self.A, self.B = np.array([[0.5]]), np.array([[0.0, 1.0, 0.0, 0.0]])
+            self.C, self.D, self.dt = np.array([[-2e4]]), np.zeros((1, 4)), dt
+
+    def roll(matrices, **more):
+        choices = {"law": "custom", "plant": "roll1", "unverified": True, "duration": 2.0} | more
+        return canroll.run("double_lane_change", matrices=matrices, **choices).controlled_metrics
+
+    named = {name: getattr(System(None), name).tolist() for name in "ABCD"}
+    assert roll(named) == roll(System(0.01)) == roll(System(None))
+    assert roll({"K": [[1e5, 1e4]]}) != roll(named)
+    for dt, what in ((0, "continuous"), (0.02, "sampled every 20 ms")):
+        with pytest.raises(canroll.CanrollError, match=f"the system is {what}, the loop's tick"):
+            roll(System(dt))
+    with pytest.raises(canroll.CanrollError, match="matrices: unknown matrix 'Q'"):
+        roll({"Q": [[1.0]]})
+
+
+def test_a_script_without_a_main_guard_is_not_run_again_by_its_processes(tmp_path):
+    script = tmp_path / "study.py"
+    script.write_text(
+        "import canroll\n"
+        "print('begins')\n"
+        "draws = canroll.campaign(runs=2, spread={'sprung_mass': 0.3}, plant='roll1', law='lqr',"
+        " duration=0.5, jobs=2)\n"
+        "print(len(draws.table))\n"
+    )
+    process = subprocess.run(
+        [sys.executable, script], capture_output=True, text=True, timeout=1800, check=True
+    )
+    assert process.stdout == "begins\n2\n"
+
+
+def test_handling_and_buses_have_figures_and_a_table():
+    circle = canroll.understeer("van_real", plant="linear_car", radius=60.0)
+    assert repr(circle).startswith("<circle of 60 m: understeer gradient ")
+    assert circle.table.column("roll_deg") == sorted(circle.table.column("roll_deg"))
+    sines = canroll.response("van_real", plant="linear_car", speed_kmh=80.0)
+    assert sines.table.columns[:3] == ("frequency_hz", "yaw_rate", "yaw_rate_phase_deg")
+    network = canroll.bus("500k", simulate_s=0.1)
+    assert network.good
+    assert repr(network).startswith("<every message is in time: 50 messages")
+    (segment,) = network.to_json()["segments"].values()
+    assert network.table.column("bound_ms") == [
+        message["response_bound_ms"] for message in segment["messages"]
+    ]
+    with pytest.raises(canroll.CanrollError, match="speed 10 km/h: must be 20 to 200 km/h"):
+        canroll.response("van_real", speed_kmh=10.0)
+
+
+def test_a_limit_is_bisected_and_says_what_limited():
+    found = canroll.limit(
+        "fishhook", law="passive", low_kmh=40.0, high_kmh=60.0, tolerance_kmh=20.0
+    )
+    assert [row["run"] for row in found.table] == ["passive"]
+    assert "km/h" in repr(found)
+    with pytest.raises(canroll.CanrollError, match="slalom has no pass criterion"):
+        canroll.limit("slalom")

@@ -11,7 +11,7 @@ import pytest
 import vehicles
 from canroll.cli import terminal
 from canroll.cli.main import main
-from canroll.cli.vehicle_tests import JUDGED
+from canroll.handling.vehicle_tests import JUDGED
 from canroll.report.tables import change, metric_rows
 from canroll.runs import experiment, metrics, saved_run
 from plant_sim.driving import maneuvers, standards

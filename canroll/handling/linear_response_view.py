@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import writing
-from canroll.report.page import PageTable
-from canroll.studies.linear_response import (
+from canroll.handling.linear_response import (
     EXCITATIONS,
     FREQUENCIES,
     MEASURED,
     LinearResponse,
 )
+from canroll.report.page import PageTable
 from plant_sim.bodies import ports
 
 SHOWN_EVERY = 8

@@ -4,7 +4,7 @@ import pytest
 
 import vehicles
 from canroll.errors import CanrollError
-from canroll.studies.linear_response import linear_response
+from canroll.handling.linear_response import linear_response
 from plant_sim import bodies
 from vehicles.unladen import unladen
 
@@ -58,7 +58,7 @@ def test_without_a_design_model_the_plant_is_shown_all_the_same(monkeypatch):
     def none(*_, **__):
         raise CanrollError("no such curve")
 
-    monkeypatch.setattr("canroll.studies.linear_response.linear_car", none)
+    monkeypatch.setattr("canroll.handling.linear_response.linear_car", none)
     found = linear_response(VAN, bodies.body("roll1"), speed=20.0)
     assert found.distance is None
     assert found.why_not == "no such curve"

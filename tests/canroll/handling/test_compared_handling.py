@@ -6,9 +6,9 @@ from functools import partial
 import numpy as np
 import pytest
 
+from canroll.handling.controlled_handling import compared, limit_of
 from canroll.runs import experiment
 from canroll.setup.controller import task_of
-from canroll.studies.controlled_handling import compared, limit_of
 from gain_gen.analysis.family import family_of
 from gain_gen.analysis.steering_response import steering_response
 from gain_gen.calibration.record import identify

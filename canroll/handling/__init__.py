@@ -1,0 +1,1 @@
+"""Handling of a vehicle, without and with control: tests by driving, and linear response."""
