@@ -50,7 +50,7 @@ LEVELS = {
     "γ ≤",
 }
 SIMULATED = (
-    "limits of moment, slew and corners, tyres beyond their linear range, faults, and lost frames "
+    "limits of slew and corners, tyres beyond their linear range, faults, and lost frames "
     "of the sensors: they remain simulation"
 )
 
@@ -213,6 +213,7 @@ def lines(
         )
         if certificate.triggered is not None:
             yield _trigger(certificate, conditions, limit)
+        yield _limited(certificate, conditions, limit)
         lost = f"up to {certificate.lost} commands in a row" if certificate.lost else "no command"
         yield f"it stays proved where {lost} may be lost again and again"
         yield _steered(certificate, limit)
@@ -230,19 +231,29 @@ def lines(
     yield f"not proved: {SIMULATED}"
 
 
+def _limited(certificate: "Certificate", conditions: int, limit: float) -> str:
+    count = len(certificate.with_limit)
+    if not count:
+        return f"no proof in any condition of stability where the limit of {limit:.0f} N·m acts"
+    trigger = "" if certificate.triggered is None else " with the event trigger's withheld commands"
+    return (
+        f"where its limit of {limit:.0f} N·m acts on the command the loop is stable as well,"
+        f"{trigger} in {'all' if count == conditions else f'{count} of'} {conditions} conditions"
+    )
+
+
 def _steered(certificate: "Certificate", limit: float) -> str:
     if not certificate.steered:
         return "no proof that values of the code do not saturate in curves and on a bank"
     from gain_gen.certificate.disturbed import BANK  # noqa: PLC0415 - needs the extra
 
     roll, moment = certificate.worst("steered")
-    text = (
-        f"no value that the code stores saturates with steering of up to "
+    return (
+        f"no other value that the code stores saturates with steering of up to "
         f"{certificate.steered:g} m/s² at any rate on a bank of up to "
-        f"{100.0 * BANK:.0f} %: the roll angle stays within "
-        f"{_up(roll, 2)}° and the command within {_up(moment, 0)} N·m"
+        f"{100.0 * BANK:.0f} %: the roll angle stays within {_up(roll, 2)}° and the command before "
+        f"its limit of {limit:.0f} N·m within {_up(moment, 0)} N·m"
     )
-    return text + _beyond(moment, limit)
 
 
 def _levels(certificate: "Certificate") -> Iterator[str]:
@@ -303,6 +314,7 @@ def to_json(
         "moment_rounding_nm": moment,
         "draws": certificate.draws,
         "trigger_proved": certificate.triggered,
+        "limited_proved": len(certificate.with_limit) == certificate.conditions,
         "commands_lost": certificate.lost,
         "steered_m_s2": certificate.steered,
         "levels": dict(certificate.levels),

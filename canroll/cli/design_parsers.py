@@ -132,7 +132,7 @@ def certify(parser: Parser) -> None:
     """Options of ``canroll certify``."""
     parser.description = (
         "Prove the loop of a calibration's integers stable for every sequence of delays, bound "
-        "what roundings do, and write a certificate that a checker of 400 lines can check alone."
+        "what roundings do, and write a certificate that a checker of 420 lines can check alone."
     )
     parser.add_argument("calibration", type=path_named, help="calibration.toml of canroll design")
     add_choices(parser, ("vehicle", "bus", "dbc", "map"))

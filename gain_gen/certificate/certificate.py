@@ -10,8 +10,12 @@ tick:
     the same with the commands that the event trigger withholds.
 ``n lost``
     the longest delay is longer by n ticks, so up to n commands in a row may be lost.
+``limited``, ``limited with event trigger``
+    the loop that runs with the limit of moment on its command, which no claim above has: from any
+    state of the linear car.
 ``steered``
-    every tick, under steering and a bank of the road (:mod:`gain_gen.certificate.disturbed`).
+    every tick with that limit, under steering and a bank of the road
+    (:mod:`gain_gen.certificate.disturbed`).
 ``level``, ``level with event trigger``
     of the first condition: the mean-square gain from a held roll moment to the roll angle.
 
@@ -47,11 +51,12 @@ from gain_gen.certificate.theorem import (
 from gain_gen.laws.rate_gain import free_peak
 from gain_gen.models.task import Task
 
-ABOUT = ("delay", "resolution", "trigger", "performance", "disturbances")
+ABOUT = ("delay", "resolution", "trigger", "limited", "performance", "disturbances")
 """Entries of a claim that its name decides."""
 MOST_LOST = 3
 """Commands lost in a row that are tried."""
 EVERY_TICK, TRIGGER, STEERED = "every tick", "event trigger", "steered"
+LIMITED, LIMITED_TRIGGER = "limited", "limited with event trigger"
 LOST = "{} lost"
 OF_MODEL = {
     WITHOUT_DELAY: "level without delay",
@@ -61,7 +66,7 @@ OF_MODEL = {
 """Levels of the roll model by the names of its claims."""
 ASSUMPTIONS = (
     "the car is linear: the tyres, springs and actuators of each condition stay in their linear "
-    "range, and no limit of moment, slew, corner or estimate acts",
+    "range, and no limit of slew, corner or estimate acts, nor that of moment where none is named",
     "the ECU samples at its tick; the whole delay from sample to force, which may change every "
     "tick within its bounds without commands overtaking each other, lies in the command",
     "every tick has a new sample of each sensor and the delivered moment, off by half a resolution",
@@ -112,11 +117,15 @@ class Certificate:
     @property
     def with_trigger(self) -> list[str]:
         """Names of the conditions that are proved with the event trigger."""
-        return [
-            condition["name"]
-            for condition in self.content["conditions"]
-            if any(claim["name"] == TRIGGER for claim in condition["claims"])
-        ]
+        return self._claimed(TRIGGER)
+
+    @property
+    def with_limit(self) -> list[str]:
+        """Names of the conditions in which the loop that runs is, with its limit of moment."""
+        return self._claimed(LIMITED if self.triggered is None else LIMITED_TRIGGER)
+
+    def _claimed(self, name: str) -> list[str]:
+        return [of for of, names in self.content["proved"].items() if name in names]
 
     @property
     def conditions(self) -> int:
@@ -175,13 +184,15 @@ def certify(
     def claims(
         name: str, *, lost: int = 0, trigger: bool = False, lateral: float = 0.0
     ) -> Iterator[bool]:
+        limited = name in {LIMITED, LIMITED_TRIGGER, STEERED}
         most = exact[1] + lost * tick
         chosen, wishes = list[dict[str, Any]](), list[Wish]()
         for member, condition in zip(family.members, conditions, strict=True):
             if name == EVERY_TICK or not member.condition.draw:
                 driven = disturbances(member, task, record, lateral) if lateral else {}
                 chosen.append(condition)
-                wishes.append(Wish(name, (exact[0], most), resolution, trigger, driven))
+                delay = exact[0], most
+                wishes.append(Wish(name, delay, resolution, trigger, limited, driven))
         bare = [{**condition, "claims": []} for condition in chosen]
         proofs = over(prove, [integers] * len(bare), bare, wishes)
         for condition, claim in zip(chosen, proofs, strict=True):
@@ -202,6 +213,10 @@ def certify(
     triggered, lost, steered, levels = None, 0, 0.0, dict[str, float]()
     if record.event_trigger:
         triggered = not unproved and all(list(claims(TRIGGER, trigger=True)))
+    if triggered:
+        list(claims(LIMITED_TRIGGER, trigger=True))
+    elif triggered is None and not unproved:
+        list(claims(LIMITED))
     if not unproved:
         while lost < MOST_LOST and in_all(LOST.format(lost + 1), lost=lost + 1):
             lost += 1

@@ -21,7 +21,7 @@ from typing import Any
 from flint import arb, arb_mat, ctx, fmpq
 
 ctx.prec = 192
-FORMAT = "canroll certificate 4"
+FORMAT = "canroll certificate 5"
 SOURCE = ["actuator", "calibration_sha256", "firmware_sha256", "law", "vehicle", "vehicle_sha256"]
 MORE, REST = fmpq(101, 100), 101  # (a + b)^2 <= MORE a^2 + REST b^2
 # of every value that the code stores, as it saturates; a unit; what the trigger rounds off: two
@@ -48,6 +48,11 @@ class Form(dict[Any, Any]):
     def rounding(self, limits: Any = {}) -> Any:  # noqa: B006 - never changed
         """Return the most that all roundings, and variables with limits, together can make."""
         return sum((abs(v) * limits.get(k, k[0] == "rounding") for k, v in self.items()), fmpq(0))
+
+    def alone(self) -> "Form":
+        """Return the form with all its roundings as one of its own."""
+        kept = {k: v for k, v in self.items() if k[0] != "rounding"}
+        return Form({**kept, ("rounding", "of a sum"): self.rounding()})
 
 
 def variables(kind: str, size: int) -> list[Form]:
@@ -97,8 +102,13 @@ def factor(c: Any, speed: int) -> int:
     return max(times(min(gain, LIMIT - 1), fade), 0)
 
 
-def controller(c: Any, gain: int, y: list[Form], past: list[Form], stored: list[Form]) -> Any:
-    """Return command and next states as forms, in ECU's units; add all that is stored."""
+def controller(
+    c: Any, gain: int, y: list[Form], past: list[Form], stored: list[Form], *, cut: list[Form]
+) -> Any:
+    """Return command and next states as forms, in ECU's units; add all that is stored.
+
+    What a compensator gets back of the command is it with the ``cut`` of a limit, if any.
+    """
     (rate, lateral, moment), steered = y, variables("d", 3)[2]
     if not c["timeout_ticks"][3]:  # no actuator reports: what is commanded counts as delivered
         moment = past[0]
@@ -127,10 +137,12 @@ def controller(c: Any, gain: int, y: list[Form], past: list[Form], stored: list[
         n, m = c["compensator_order"], c["compensator_outputs"]
         forms = [roll, rate, lateral, steered, *variables("c", len(x) + n)[len(x) :]]
         rows = zip(c["compensator_d"], c["compensator_c"], c["compensator_output_shift"])
-        forms += [row([gain], 28, [row(d + k[:n], s, forms)]) for d, k, s in list(rows)[:m]]
+        outputs = [row([gain], 28, [row(d + k[:n], s, forms)]) for d, k, s in list(rows)[:m]]
+        # what is fed back is limited: of its roundings any part is left
+        forms += [f.alone() + cut[0] for f in outputs] if cut else outputs
         states = list(zip(*(c[f"compensator_{name}"] for name in ("b", "a", "e", "shift"))))[:n]
         x += [row(b + a[:n] + e[:m], shift, forms) for b, a, e, shift in states]
-        return sum(forms[4 + n :], Form()), x
+        return sum(outputs, Form()), x
     ahead = x
     for command in past[: c["predict_steps"]][::-1]:
         change = row([c["actuator_rate"]], 30, [command + moment.times(-1)])
@@ -204,19 +216,33 @@ class Sampled:
         y = [form + Form({("rounding", "y", j): self.off[j]}) for j, form in enumerate(y)]
         heard = [u + Form({("rounding", "u", j): self.off[3]}) for j, u in enumerate(past)]
         gain = factor(c, condition["speed"])
-        command, inner = controller(c, gain, y, heard, stored := [*y])
-        self.trigger, noise = int(claim["trigger"]), variables("n", len(inner))
-        self.error = variables("e", 1 + self.trigger)
-        self.sent = sum(self.error, command + Form({("rounding", "sent"): self.off[4]}))
+        self.trigger, self.limited = int(claim["trigger"]), int(claim["limited"])
+        self.error, self.cut = variables("e", 1 + self.trigger), variables("a", self.limited)
+        command, inner = controller(c, gain, y, heard, stored := [*y], cut=self.cut)
+        noise, self.within = variables("n", len(inner)), sum(self.cut, command)
+        self.sent = sum(self.error, self.within + Form({("rounding", "sent"): self.off[4]}))
         self.roll, self.stored = combined(numbers(condition["roll"]), x), [*stored, self.sent]
         self.jumps = [past[j] + (past[j - 1] if j else self.sent).times(-1) for j in ages]
-        self.shifted = [self.sent, *past[:-1], *(s + n for s, n in zip(inner, noise))]
-        self.states = [*x, *past, *variables("c", len(inner))]
+        self.shifted = [self.sent, *past[:-1], *(s + n for s, n in zip(inner, noise)), *self.cut]
+        self.shifted += [self.within] * self.limited
+        self.before = variables("b", 2 * self.limited)
+        self.states = [*x, *past, *variables("c", len(inner)), *self.before]
         self.inputs = [*self.error, *noise, *(self.outer[each["input"]] for each in driven)]
         self.places = [variables(f"w{j}", len(w["onto"])) for j, w in enumerate(claim["channels"])]
-        self.names = [name for form in sum(self.places, self.states + self.inputs) for name in form]
+        known = self.states + self.inputs + self.cut
+        self.names = [name for form in sum(self.places, known) for name in form]
         # a held command was sent with its resolution: twice that, as the threshold is at most one
-        floor = MORE * c["trigger_floor"] ** 2 + REST * (2 * self.off[4] + COARSE) ** 2
+        off = 2 * self.off[4] + COARSE + self.limited * (self.off[4] + command.rounding())
+        floor = MORE * c["trigger_floor"] ** 2 + REST * off**2
+        # what the limit cuts off, now or before, is against what it leaves, more or less anything
+        # within it, as all commands in force are but for their resolution, held ones too; and
+        # against the change of the command in force
+        share = c["moment_max"] / (c["moment_max"] + self.off[4])
+        kept, held = [u.times(share) for u in past], self.within + self.error[0]
+        self.opposed = [(cut, held + kept[0].times(-1)) for cut in self.cut][: self.trigger]
+        kept, lefts = kept + [held] * self.trigger, [self.within, *self.before[1:]]
+        for cut, left, other in zip(self.cut + self.before[:1], lefts, lefts[::-1]):
+            self.opposed += [(cut, left + v.times(i)) for v in [other, *kept] for i in (1, -1)]
         self.squares = [floor] * self.trigger + [x.rounding() ** 2 for x in (self.sent, *inner)]
 
 
@@ -229,7 +255,9 @@ def proved(c: Any, condition: Any, claim: Any, tick: Any) -> dict[str, Any]:
     bounds = [*loop.squares, *(most**2 for most in limits.values())]
     spent = sum((w * square for w, square in zip(weights, bounds, strict=True)), fmpq(0))
     fine = 0 <= loop.delay[0] <= loop.delay[1] and min(*loop.off, *weights, *limits.values()) >= 0
-    fine &= slack > 0 > decay - 1 and share <= MORE and loop.trigger * c["compensator_outputs"] < 2
+    limit = numbers(claim["limit"] if loop.limited else [])
+    fine &= slack > 0 > decay - 1 and share <= MORE and min(c["moment_max"], *limit, 0) == 0
+    fine &= c["compensator_outputs"] < 2 or not loop.trigger | loop.limited
 
     names, flow = loop.names, balls(condition["flow"] + [["0"] * (n + 4)] * 4)
     acting = [*loop.states[:n], loop.sent, *loop.outer]
@@ -238,6 +266,8 @@ def proved(c: Any, condition: Any, claim: Any, tick: Any) -> dict[str, Any]:
     # what is withheld is zero, or the command is that before: any multiple of the product is zero
     q, change = loop.trigger * switching / 4, loop.sent + loop.states[n].times(-1)
     terms += [(q, change + loop.error[0]), (-q, change + loop.error[0].times(-1))]
+    for factor, (cut, by) in zip(limit, loop.opposed, strict=True):
+        terms += [(factor / 4, by + cut.times(-1)), (-factor / 4, by + cut)]
     channels = zip(loop.ends, loop.jumps, loop.places, claim["channels"], strict=True)
     for ends, jump, w, channel in channels:
         rho, d = remainder(flow, part(p, n, range(n)), channel, tick, ends), fmpq(channel["weight"])
@@ -285,11 +315,13 @@ def meant(content: Any, of: Any, name: str, tick: Any) -> dict[str, Any]:
     driven: Any = {"every tick": [], "event trigger": [], f"{lost} lost": [], "level": moment}
     driven |= {"level with event trigger": moment, "level without delay": moment}
     driven |= {"steered": of.get("driven") or None}
+    driven |= {"limited": [], "limited with event trigger": []}
     # of a sampled loop a command acts until the next one
     most += lost * tick + (filtered + tick) * ("performance" in of)
     delay = [str(seconds * ("without" not in name)) for seconds in (least, most)]
     about = {"delay": delay, "resolution": content["resolution"], "disturbances": driven[name]}
-    return {**about, "trigger": name.endswith("trigger"), "performance": name.startswith("level")}
+    about |= {"trigger": name.endswith("trigger"), "performance": name.startswith("level")}
+    return {**about, "limited": name.startswith(("limited", "steered"))}
 
 
 def digest(c: Any) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from flint import fmpq
 from gain_gen.certificate import checker
 from gain_gen.certificate.delay_curve import POINTS, Ellipsoid, ellipsoid, lacking
 from gain_gen.certificate.level import level_points
+from gain_gen.certificate.limited import limited_points
 from gain_gen.certificate.lyapunov import SLACK, LyapunovPoint, feasible, fits
 from gain_gen.certificate.uncertain_loop import Trigger, UncertainLoop
 from gain_gen.models.roll import Matrix, zero_order_hold
@@ -70,6 +72,7 @@ class Wish:
         delay: least and most from the sample to the force, s; exactly these rationals.
         resolution: bounds of the roundings of readings and commands, in the ECU's units.
         trigger: commands are withheld by the event trigger.
+        limited: the limit of moment acts.
         disturbances: bound of each input of the condition besides the command.
     """
 
@@ -77,6 +80,7 @@ class Wish:
     delay: tuple[float | Fraction, float | Fraction]
     resolution: Sequence[str]
     trigger: bool = False
+    limited: bool = False
     disturbances: Mapping[int, float] = field(default_factory=dict)
 
 
@@ -91,9 +95,10 @@ def prove(c: Mapping[str, Any], condition: Mapping[str, Any], wish: Wish) -> dic
     return _first(c, condition, _claim(wish), _tried)
 
 
-def _tried(loop: UncertainLoop) -> list[LyapunovPoint]:
-    """Return the points of least roll angle among those without saturation."""
-    return [point for point in feasible(loop) if fits(loop, point)][:TRIED]
+def _tried(loop: UncertainLoop) -> Iterable[LyapunovPoint]:
+    """Return the points without saturation, those of least roll angle or level first."""
+    points = limited_points(loop) if len(loop.opposed) else feasible(loop)
+    return islice((point for point in points if fits(loop, point)), TRIED)
 
 
 def prove_level(
@@ -110,6 +115,7 @@ def _claim(wish: Wish) -> dict[str, Any]:
         "delay": [str(Fraction(seconds)) for seconds in wish.delay],
         "resolution": list(wish.resolution),
         "trigger": wish.trigger,
+        "limited": wish.limited,
         "performance": False,
         "slack": rational(SLACK),
         "disturbances": [
@@ -142,6 +148,7 @@ def _written(point: LyapunovPoint, places: Sequence[Reach]) -> dict[str, Any]:
     # a delay that does not vary has a place without extent: any multiplier serves
     still = STILL * float(point.inputs[0])
     return {
+        **({} if point.limit is None else {"limit": texts(point.limit, BITS)}),
         "decay": rational(point.decay, BITS),
         "switching": rational(point.switching, BITS),
         "weights": texts(point.inputs, BITS),
@@ -169,7 +176,7 @@ def uncertain(
     flow, roll = _floats(condition["flow"]), _floats(condition["roll"])
     n, tick, order = len(flow), 1e-6 * c["tick_us"], len(sampled.states)
     a, inputs, b = flow[:, :n], flow[:, n:], flow[:, n]
-    size = order + len(sampled.inputs)
+    size = order + len(sampled.inputs) + sampled.limited
 
     def row(form: checker.Form) -> Matrix:
         return np.array([_float(form.get(name, 0)) for name in sampled.names[:size]])
@@ -177,7 +184,8 @@ def uncertain(
     sent = row(sampled.sent)
     after = np.zeros((order, size))
     after[:n, :n], held = zero_order_hold(a, inputs, tick)
-    for column, each in enumerate(claim["disturbances"], size - len(claim["disturbances"])):
+    first = size - sampled.limited - len(claim["disturbances"])
+    for column, each in enumerate(claim["disturbances"], first):
         after[:n, column] = held[:, 1 + each["input"]]
     after[:n] += np.outer(lacking(a, b, tick, np.array([tick]))[0], sent)
     places, jumps = list[Reach](), []
@@ -209,6 +217,7 @@ def uncertain(
         jumps=np.array(jumps).reshape(len(jumps), size),
         withheld=np.zeros((0, size)),
         trigger=trigger,
+        opposed=tuple((row(cut), row(by)) for cut, by in sampled.opposed),
         stored=np.array([row(form)[:order] for form in sampled.stored]) / checker.LIMIT,
         spread=np.array([_float(form.rounding(limits)) for form in sampled.stored]) / checker.LIMIT,
         roll=np.concatenate([roll, np.zeros(order - n)]),

@@ -16,7 +16,7 @@ from itertools import product
 
 import numpy as np
 
-from gain_gen.certificate.balance import balanced
+from gain_gen.certificate.responses import balanced
 from gain_gen.certificate.uncertain_loop import Trigger, UncertainLoop
 from gain_gen.models.roll import Matrix, stationary_covariance
 
@@ -52,6 +52,7 @@ class LyapunovPoint:
         switching: of the trigger, with its sign: sent or held.
         roll: largest roll angle in the ellipsoid, rad.
         w: P⁻¹.
+        limit: multipliers of the limit of moment; None where it does not act.
     """
 
     p: Matrix
@@ -61,6 +62,7 @@ class LyapunovPoint:
     switching: float
     roll: float
     w: Matrix
+    limit: Matrix | None = None
 
 
 def fits(loop: UncertainLoop, point: LyapunovPoint) -> bool:
@@ -118,10 +120,10 @@ class _Nominal:
 def _nominals(loop: UncertainLoop) -> list[_Nominal]:
     """Return one for each of the tried decays; none of an unstable loop."""
     gap = 1.0 - loop.radius**2
-    return [_nominal(loop, 1.0 - part * gap) for part in DECAYS] if gap > 0.0 else []
+    return [nominal(loop, 1.0 - part * gap) for part in DECAYS] if gap > 0.0 else []
 
 
-def _nominal(loop: UncertainLoop, decay: float) -> _Nominal:
+def nominal(loop: UncertainLoop, decay: float) -> _Nominal:
     """Share the level out so that the sum of the inputs' ellipsoids has the least roll angle."""
     a = loop.a / np.sqrt(decay)
     driven = loop.inputs * loop.bounds

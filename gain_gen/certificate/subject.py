@@ -35,6 +35,7 @@ INTEGERS = (
     *("compensator_a", "compensator_b", "compensator_e", "compensator_c", "compensator_d"),
     *("schedule_points", "schedule_speed", "schedule_gain", "fade_low", "fade_high"),
     *("predict_steps", "actuator_rate", "trigger_epsilon_squared", "trigger_floor"),
+    "moment_max",
 )
 """Fields of the calibration that decide the loop, all of which the checker reads."""
 MODELLED = ("control_law", "event_trigger", "fixed_point", "observer", "schedule")

@@ -53,16 +53,19 @@ class UncertainLoop:
     """The sampled loop with its inputs; commands in N·m, Q14, roundings in the ECU's units.
 
     x⁺ = A x + B i + Σ G_j w_j with |w_j| ≤ |v_j|, v = V [x, i]. Inputs are roundings and
-    disturbances, with a trigger preceded by what it withholds.
+    disturbances, with a trigger preceded by what it withholds, with a limit followed by what that
+    cuts off.
 
     Attributes:
         a: with every delay at the centre of its ellipsoid, (n, n).
         inputs: B, (n, m).
-        bounds: of the inputs, of the first one with a trigger the floor, (m,).
+        bounds: of the inputs, of the first one with a trigger the floor; of what the limit cuts
+            off there is none, (m,).
         places: G_j for each delay that varies, (n, r).
         jumps: V, (delays, n + m).
         withheld: rows against which the first input is small, no row without a trigger, (k, n + m).
         trigger: of the first input as it is; None without one, and once it is centred.
+        opposed: pairs of rows, with a limit, whose product is not positive, (n + m,).
         stored: rows of the values that the code stores, relative to their limit, (k, n).
         spread: largest part of them by roundings and disturbances themselves, (k,).
         roll: row of the roll angle, (n,).
@@ -75,6 +78,7 @@ class UncertainLoop:
     jumps: Matrix
     withheld: Matrix
     trigger: Trigger | None
+    opposed: tuple[tuple[Matrix, Matrix], ...]
     stored: Matrix
     spread: Matrix
     roll: Matrix

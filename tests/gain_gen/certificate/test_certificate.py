@@ -92,6 +92,7 @@ def test_the_loop_of_the_integers_is_that_of_the_margins(law, predicted, calibra
             "delay": texts(np.array([delay - member.filtered] * 2)),
             "resolution": ["0"] * 5,
             "trigger": False,
+            "limited": False,
             "performance": False,
             "disturbances": [],
             "channels": [

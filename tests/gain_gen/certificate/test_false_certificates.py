@@ -168,7 +168,7 @@ def test_an_easier_question_shows_in_the_answer(honest, integers):
     content = copy.deepcopy(honest)
     content["delay"][1] = content["delay"][0]
     content["resolution"] = ["0"] * 5
-    nothing = wish_of(content, STEERED, disturbances={MOMENT: 1e-6})
+    nothing = wish_of(content, STEERED, limited=True, disturbances={MOMENT: 1e-6})
     content = with_claims(content, [wish_of(content), nothing], integers)
     subject, every, steered = checker.check(content, integers)
     assert "delays from sample to force: 2.4169 to 2.4170 ms" in subject

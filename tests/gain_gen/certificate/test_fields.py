@@ -45,8 +45,8 @@ REASONS = {
         *("offset_learning", "offset_shift", "straight_steering", "straight_yaw_rate"),
         *("offset_gain", "offset_rate_max", "offset_acceleration_max"),
     ),
-    "assumed: no limit of moment, slew, corner or estimate acts": (
-        *("moment_max", "slew_max", "force_max", "bar_max", "share_slack", "bias_max"),
+    "assumed: no limit of slew, corner or estimate acts": (
+        *("slew_max", "force_max", "bar_max", "share_slack", "bias_max"),
         *("roll_rate_max", "acceleration_max"),
         *("envelope_moment", "envelope_slew", "envelope_age", "envelope_outward"),
         *("envelope_lateral", "envelope_ticks", "envelope_pass"),
@@ -152,7 +152,7 @@ def test_without_a_reported_moment_the_loop_has_the_commanded_one(calibrated, re
         record.timeout_ticks[RX_ACTUATOR_STATE] = 0
     integers = {name: getattr(record, name) for name in INTEGERS}
     y, past = checker.variables("y", 3), checker.variables("u", 2)
-    command, inner = checker.controller(integers, 1 << 28, y, past, [])
+    command, inner = checker.controller(integers, 1 << 28, y, past, [], cut=[])
     ecu = Ecu()
     init(ecu, sealed(record))
     ecu.mode, ecu.lateral_lost, ecu.motion_lost = ACTIVE, 0, 0

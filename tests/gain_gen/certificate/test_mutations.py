@@ -115,7 +115,7 @@ def several(integers, coarse):
     )
     lost = Wish(LOST.format(1), (DELAY[0], DELAY[1] + TICK), RESOLUTION)
     first["claims"] = [prove(integers, first, wish) for wish in (every, trigger)]
-    steered = Wish(STEERED, DELAY, RESOLUTION, disturbances={MOMENT: 100.0})
+    steered = Wish(STEERED, DELAY, RESOLUTION, limited=True, disturbances={MOMENT: 100.0})
     first["claims"].append(prove(integers, first, steered))
     second["claims"] = [prove(integers, second, wish) for wish in (every, lost)]
     assert all(first["claims"] + second["claims"])
