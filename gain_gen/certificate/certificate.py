@@ -12,7 +12,7 @@ tick:
     the longest delay is longer by n ticks, so up to n commands in a row may be lost.
 ``limited``, ``limited with event trigger``
     the loop that runs with the limit of moment on its command, which no claim above has: from any
-    state of the linear car.
+    state of the linear car from which no other value of the code saturates.
 ``steered``
     every tick with that limit, under steering and a bank of the road
     (:mod:`gain_gen.certificate.disturbed`).
