@@ -254,10 +254,10 @@ def _mapped(dbc: Path, map_file: Path) -> dict[str, _Mapped]:
             factor = signal.scale / 2**signal.place.q / Fraction(described.scale)
             shifted = factor * Fraction(described.offset) != signal.offset / 2**signal.place.q
             refusal = ""
-            if shifted or signal.minus is not None:
+            if shifted or signal.minus is not None or signal.added:
                 refusal = (
-                    f"{signal.name}: a log is read with the signs and offsets of {dbc}: name the "
-                    f"signal by --signal {name}=NAME:UNIT"
+                    f"{signal.name}: a log is read with the signs and offsets of {dbc}, without "
+                    f"sums: name the signal by --signal {name}=NAME:UNIT"
                 )
             unit = QUANTITIES[name].unit
             choice = SignalChoice(f"{box.name}.{signal.name}", unit, float(factor))

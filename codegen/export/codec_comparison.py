@@ -169,6 +169,7 @@ def _signal(box: Mailbox, signal: MappedSignal, entry: Any, unit: str) -> dict[s
         "inverted": bool(twin and twin.inverted),
         "tolerance": twin.tolerance if twin else 0,
         "unavailable": list(signal.unavailable),
+        "added": signal.added,
         "validity": signal.validity.signal.name if signal.validity else None,
         "codes": list(signal.validity.codes) if signal.validity else [],
         "bit": bits.index(place.text) if place.text in bits else None,

@@ -138,7 +138,10 @@ def load(files: Files, map_file: Path) -> BusMap:
     if "uds" in document:
         pair = ("request", "response")
         uds = UdsFrames(**_numbers("uds", pair, document["uds"], taken, map_file))
-    bus = BusMap((*first, *further), out, xcp, description.warnings, uds, secoc is not None)
+    boxes = (*first, *further)
+    limits = tuple(signal.warning for box in boxes for signal in box.signals if signal.warning)
+    warnings = description.warnings + limits
+    bus = BusMap(boxes, out, xcp, warnings, uds, secoc is not None)
     _refuse_same_identifier(bus, map_file)
     _refuse_short_echo(bus, map_file)
     if bus.secured:

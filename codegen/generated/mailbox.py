@@ -91,7 +91,7 @@ class Mailbox:
     cycle: int = 1
     fd: bool = False
     bit_rate_switch: bool = False
-    cycle_ms: int = 0
+    cycle_ms: float = 0
     secured: bool = False
     further: int = 0
 

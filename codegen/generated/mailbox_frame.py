@@ -56,18 +56,19 @@ def frame_of(network: NetworkDescription, table: Mapping[str, Any], where: str) 
     return message
 
 
-def period_ms(message: Message, table: Mapping[str, Any], where: str) -> int:
+def period_ms(message: Message, table: Mapping[str, Any], where: str) -> float:
     """Return the time between two frames, from the map, else from the DBC; 0: neither has it."""
     given = [key for key in ("period_ms", "cycle_ms") if key in table]
     if len(given) > 1:
         raise CanrollError(f"{where}: period_ms and cycle_ms are the same: give one of them")
     value = table[given[0]] if given else message.cycle_time or 0
-    if not _is_whole(value, _LONGEST_PERIOD):
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not (value == 0 or 1 <= value <= _LONGEST_PERIOD):
         raise CanrollError(
-            f"{where}: {given[0] if given else 'GenMsgCycleTime'} must be a whole number up to "
+            f"{where}: {given[0] if given else 'GenMsgCycleTime'} must be a number from 1 to "
             f"{_LONGEST_PERIOD}, not {value!r}"
         )
-    return int(value)
+    return float(value) if value % 1 else int(value)
 
 
 def with_signals(message: Message, names: Collection[str], length: int) -> Message:

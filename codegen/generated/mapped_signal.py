@@ -40,6 +40,7 @@ KEYS = (
     "unavailable",
     "valid",
     "radius",
+    "add",
 )
 """Keys of the table that a map may have for a signal."""
 OF_INTEGERS = ("redundant", "inverted", "tolerance", "unavailable")
@@ -70,6 +71,8 @@ class MappedSignal(RawSignal):
     Where it is ``real``, n is the number of which the raw code is the bits; ``offset`` is 0.
     ``page`` is the value of the frame's multiplexer at which the signal is present, None: always.
     ``minus`` is a sign bit elsewhere in the frame: where it is 1, the raw code is negated.
+    ``step`` is ``scale`` without sign, of a wheel without its radius. ``added``: the field is the
+    sum of this signal and another one. ``warning`` names limits that are not kept, "" if none.
     """
 
     place: SignalPlace
@@ -79,6 +82,9 @@ class MappedSignal(RawSignal):
     raw_lo: int
     raw_hi: int
     page: int | None
+    step: Fraction
+    added: bool
+    warning: str
     minus: RawSignal | None = None
     twin: Twin | None = None
     validity: Validity | None = None
@@ -120,7 +126,10 @@ def map_signal(
         raise CanrollError(f"{where}: give a field, or a table with one of {', '.join(KEYS)}")
     documents.refuse_unknown(table, KEYS, f"key in {where}")
     place = _place(table, where)
-    to_field = _to_field(table, signal, place, where)
+    radius = _radius(table, place, where)
+    unit = "rad/s" if "radius" in table else place.unit
+    own_unit = str(table.get("unit", signal.unit or ""))
+    to_field = conversion(own_unit, unit, place.text, where) * 2**place.q
     minus, sign = None, table.get("sign", 1)
     if sign == -1:
         to_field = -to_field
@@ -130,7 +139,9 @@ def map_signal(
             raise CanrollError(f"{where}: a signal with a sign signal must have the offset 0")
     elif sign != 1:
         raise CanrollError(f"{where}: sign must be 1, -1 or the name of a signal of one bit")
-    scale = fraction(table, "factor", signal.scale, where) * to_field
+    step = fraction(table, "factor", signal.scale, where) * to_field
+    to_field *= radius
+    scale = step * radius
     if not scale:
         raise CanrollError(f"{where}: the signal's factor is 0: give it in the map")
     if signal.is_float:
@@ -140,7 +151,11 @@ def map_signal(
         for raw, text in (signal.choices or {}).items()
         if str(text).casefold() in UNAVAILABLE
     }
-    raw_lo, raw_hi = _raw_limits(signal, where, sent=sent)
+    if not isinstance(table.get("add", False), bool):
+        raise CanrollError(f"{where}: add must be true or false, not {table['add']!r}")
+    limits = _limits(signal)
+    warning = "" if sent else _one_sided(signal, limits, place, where)
+    raw_lo, raw_hi = _raw_limits(signal, () if warning else limits, where, sent=sent)
     return MappedSignal(
         name=signal.name,
         place=place,
@@ -154,23 +169,23 @@ def map_signal(
         raw_lo=-raw_hi if minus else raw_lo,
         raw_hi=raw_hi,
         page=signal.multiplexer_ids[0] if signal.multiplexer_ids else None,
+        step=abs(step),
+        added=table.get("add") is True,
+        warning=warning,
         minus=minus,
         twin=twin_of(table, signal, known, where),
         validity=validity_of(table, signal, known, where),
     )
 
 
-def _to_field(table: Mapping[str, Any], signal: Signal, place: SignalPlace, where: str) -> Fraction:
-    """The factor from the signal's unit to the field's integers, over a wheel's radius if given."""
-    unit = str(table.get("unit", signal.unit or ""))
-    if "radius" not in table:
-        return conversion(unit, place.unit, place.text, where) * Fraction(2**place.q)
-    radius = fraction(table, "radius", 0, where)
-    if radius <= 0 or place.text != "speed":
+def _radius(table: Mapping[str, Any], place: SignalPlace, where: str) -> Fraction:
+    """The radius of the wheel whose angular speed the signal is, 1 where it is of no wheel."""
+    radius = fraction(table, "radius", 1, where)
+    if radius <= 0 or ("radius" in table and place.text != "speed"):
         raise CanrollError(
             f"{where}: radius must be above 0 m, and belongs to the speed of a wheel"
         )
-    return conversion(unit, "rad/s", place.text, where) * radius * Fraction(2**place.q)
+    return radius
 
 
 def _refuse_of_integers(
@@ -202,32 +217,80 @@ def _codes(table: Mapping[str, Any], where: str) -> Iterator[int]:
 
 
 def refuse_received_only(mapped: Sequence[MappedSignal], where: str) -> None:
-    """Raise CanrollError for what a received frame cannot have: a mask, a mean of plain numbers."""
-    by_field: dict[str, MappedSignal] = {}
+    """Raise CanrollError for what a received frame cannot have: a mask, a mean of unlike signals.
+
+    Offsets may differ: each of them still carries the quantity as a whole.
+    """
+    by_field: dict[str, list[MappedSignal]] = {}
     for signal in mapped:
         if signal.place.mask is not None:
             raise CanrollError(f"{where}: a mask applies to transmitted frames only")
-        other = by_field.setdefault(signal.place.text, signal)
-        if other is not signal and (
-            not signal.place.unit
-            or any(its.minus or its.twin or its.real for its in (signal, other))
-            or signal.page != other.page
-        ):
+        by_field.setdefault(signal.place.text, []).append(signal)
+    for text, (first, *others) in by_field.items():
+        added = [signal.name for signal in (first, *others) if signal.added]
+        if added and len(added) != len(others):
             raise CanrollError(
-                f"{where}: {other.name} and {signal.name} are both mapped to {signal.place.text}; "
-                "only plain signals of integers with a unit, on one page, are averaged"
+                f"{where}: {added[0]} is added to one signal of {text} without add, not to "
+                f"{1 + len(others) - len(added)}"
             )
+        for other in others:
+            both = f"{where}: {first.name} and {other.name} are both mapped to {text}"
+            if (
+                not first.place.unit
+                or any(its.minus or its.twin or its.real for its in (first, other))
+                or first.page != other.page
+            ):
+                raise CanrollError(
+                    f"{both}; only plain signals of integers with a unit, on one page, are "
+                    "averaged or added"
+                )
+            if not added and _likeness(first) != _likeness(other):
+                raise CanrollError(
+                    f"{both} with different factors or ranges: give add = true to the one that "
+                    "is to be added, or map one of them"
+                )
+
+
+def _likeness(signal: MappedSignal) -> tuple[Fraction, int]:
+    """The step, and the number of steps in the range: of signals that are averaged the same."""
+    return signal.step, signal.raw_hi - signal.raw_lo
 
 
 def refuse_sent_only(mapped: Sequence[MappedSignal], where: str) -> None:
     """Raise CanrollError for what a frame that is sent cannot have."""
     for signal in mapped:
-        if signal.validity is not None:
-            raise CanrollError(f"{where}: {signal.name}: valid applies to received signals only")
+        for key, given in (("valid", signal.validity is not None), ("add", signal.added)):
+            if given:
+                raise CanrollError(
+                    f"{where}: {signal.name}: {key} applies to received signals only"
+                )
 
 
-def _raw_limits(signal: Signal, where: str, *, sent: bool) -> tuple[int, int]:
-    """The raw codes that the DBC's minimum and maximum allow.
+def _limits(signal: Signal) -> list[Fraction]:
+    """The DBC's minimum and maximum as raw codes, the lower one first; [] where it has none."""
+    lo, hi = signal.minimum, signal.maximum
+    if lo is None or hi is None or lo >= hi or not signal.scale:
+        return []
+    factor, offset = Fraction(str(signal.scale)), Fraction(str(signal.offset))
+    return sorted((Fraction(str(limit)) - offset) / factor for limit in (lo, hi))
+
+
+def _one_sided(signal: Signal, ends: Sequence[Fraction], place: SignalPlace, where: str) -> str:
+    """Why limits are not kept that leave a signed signal only one side of zero, "" if they do not.
+
+    They are those of an unsigned signal, or of its absolute value.
+    """
+    signed = (signal.is_signed or signal.is_float) and place.lo < 0
+    if not ends or not signed or ends[0] < 0 < ends[1]:
+        return ""
+    limits = f"[{signal.minimum:g}|{signal.maximum:g}]"
+    return f"{where} is signed: its limits {limits} in the description are not kept"
+
+
+def _raw_limits(
+    signal: Signal, ends: Sequence[Fraction], where: str, *, sent: bool
+) -> tuple[int, int]:
+    """The raw codes that limits allow, all without any.
 
     Of a received signal, limits that no code can reach were meant otherwise, as of raw codes or of
     another width; a sent one keeps whichever can be.
@@ -235,14 +298,8 @@ def _raw_limits(signal: Signal, where: str, *, sent: bool) -> tuple[int, int]:
     lo, hi = code_range(signal)
     if signal.is_float:
         lo, hi = code_of(-real_of(LARGEST_REAL)), LARGEST_REAL
-    if signal.minimum is None or signal.maximum is None or signal.minimum >= signal.maximum:
+    if not ends:
         return lo, hi
-    if not signal.scale:
-        return lo, hi
-    factor, offset = Fraction(str(signal.scale)), Fraction(str(signal.offset))
-    ends = sorted(
-        (Fraction(str(limit)) - offset) / factor for limit in (signal.minimum, signal.maximum)
-    )
     if signal.is_float:
         top = Fraction(real_of(LARGEST_REAL))
         low, high = (code_of(float(min(max(end, -top), top))) for end in ends)

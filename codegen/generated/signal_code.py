@@ -140,7 +140,7 @@ def unpacked(signal: MappedSignal) -> str:
 
 
 def share(signal: MappedSignal, count: int) -> str:
-    """A raw code's part of the mean of ``count`` signals, in the field's format."""
+    """A raw code's part of a mean of ``count`` signals, 1: of a sum, in the field's format."""
     return _scaled(raw_name(signal), signal.scale / count, signal.offset / count)
 
 

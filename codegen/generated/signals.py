@@ -336,7 +336,7 @@ def _unpack_signal(
 def _unpack_mean(
     alike: Sequence[MappedSignal], bits: tuple[str, ...], frame: tuple[str, ...]
 ) -> Iterable[str]:
-    """The statements that take the mean of several signals, where all of them have a value."""
+    """The statements that take the mean or sum of signals, where all of them have a value."""
     place, indent = alike[0].place, "    "
     for signal in alike:
         yield from wrapped(f"    {raw_name(signal)}: i32 = {gathered(signal, frame)}", LINE)
@@ -344,8 +344,9 @@ def _unpack_mean(
     for condition in conditions:
         yield from wrapped(f"{indent}if {condition}:", LINE)
         indent += "    "
-    yield f"{indent}total: i64 = {share(alike[0], len(alike))}"
-    yield from (f"{indent}total += {share(signal, len(alike))}" for signal in alike[1:])
+    count = 1 if any(signal.added for signal in alike) else len(alike)
+    yield f"{indent}total: i64 = {share(alike[0], count)}"
+    yield from (f"{indent}total += {share(signal, count)}" for signal in alike[1:])
     yield f"{indent}ecu.{place.text} = clamp(total, {place.lo}, {place.hi})"
     if place.text in bits:
         yield f"{indent}valid |= {1 << bits.index(place.text)}"

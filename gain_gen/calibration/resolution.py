@@ -22,12 +22,19 @@ def of_contract() -> Resolution:
 
 
 def of_bus(bus: BusMap) -> Resolution:
-    """Return the steps of the frames of a bus; of an array's elements the largest."""
+    """Return the steps of the frames of a bus; of an array's elements the largest.
+
+    Of signals that are added, the smallest is that of their sum.
+    """
     largest = {field.name: 0.0 for field in fields(Resolution)}
-    for signal in (signal for box in bus.frames for signal in box.signals):
-        name = signal.place.text.partition("[")[0]
-        if name in largest and not signal.place.mask:
-            largest[name] = max(largest[name], _step(signal))
+    for box in bus.frames:
+        summed = {signal.place.text for signal in box.signals if signal.added}
+        for text in dict.fromkeys(s.place.text for s in box.signals if not s.place.mask):
+            name = text.partition("[")[0]
+            steps = [_step(signal) for signal in box.signals if signal.place.text == text]
+            if name in largest:
+                step = min(steps) if text in summed else max(steps)
+                largest[name] = max(largest[name], step)
     return Resolution(**largest)
 
 

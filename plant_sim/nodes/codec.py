@@ -26,7 +26,7 @@ MAX_PAYLOAD = 64
     LENGTH,
     FIRST,
     END,
-    CYCLE_MS,
+    CYCLE_NS,
     FLAGS,
     KEY,
     LEADER,
@@ -39,6 +39,7 @@ MAX_PAYLOAD = 64
 # TWIN are rows of the signals that carry the sign and the redundant or inverted code, -1: none.
 # FRAME is the row of the message in whose frame the signal is. ALIKE is the row of the next signal
 # with the same value, VALIDITY that of the signal that says by its code whether there is a value.
+# PARTED: the next signal has the rest of the value, not the same.
 # REAL: the raw code is the bits of a floating-point number.
 (
     PIECES,
@@ -59,14 +60,15 @@ MAX_PAYLOAD = 64
     VALID_CODE,
     INVALID_CODE,
     REAL,
+    PARTED,
     N_FIELD,
-) = range(19)
+) = range(20)
 NO_ERROR_CODE = -(1 << 40)
 """Value for a signal without a code for error or not available in the DBC."""
 OF_THE_FRAME = frozenset({"Checksum", "Counter", "SampleCounter"})
 """Signals of the contract that are specific to each frame."""
-# Columns of Codec.scaling.
-SCALE, OFFSET = range(2)
+# Columns of Codec.scaling. REST is what the next signals carry in the middle of their ranges.
+SCALE, OFFSET, REST = range(3)
 # Columns of Codec.piece: bits of a signal in one byte.
 BYTE, BIT, BITS, SIGNAL_BIT, N_PIECE = range(5)
 
@@ -74,7 +76,7 @@ BYTE, BIT, BITS, SIGNAL_BIT, N_PIECE = range(5)
 class Codec(NamedTuple):
     """Layout of every message.
 
-    ``message`` (m, 12), ``field`` (n, 19), ``piece`` (n, 5, 4), ``scaling`` (n, 2), ``protection``,
+    ``message`` (m, 12), ``field`` (n, 20), ``piece`` (n, 5, 4), ``scaling`` (n, 3), ``protection``,
     ``terms`` and ``crc`` as in :mod:`plant_sim.nodes.e2e`.
     """
 
@@ -153,11 +155,14 @@ def put(codec: Codec, message: int, signal: int, payload: NDArray[np.uint8], raw
 def put_value(
     codec: Codec, message: int, signal: int, payload: NDArray[np.uint8], value: float
 ) -> None:
-    """Insert a physical value, and in all signals that have the same."""
+    """Insert a physical value, and in all signals that have the same or a part of it."""
     if codec.field[signal, FRAME] != message:
         return
     while signal >= 0:
-        insert(codec, signal, payload, raw_value(codec, signal, value))
+        raw = raw_value(codec, signal, value - codec.scaling[signal, REST])
+        insert(codec, signal, payload, raw)
+        if codec.field[signal, PARTED]:
+            value -= physical(codec, signal, raw)
         signal = codec.field[signal, ALIKE]
 
 

@@ -17,11 +17,12 @@ from codegen.generated.mailbox import Mailbox
 from codegen.generated.mapped_signal import MappedSignal
 from codegen.generated.second_signals import valid_codes
 from plant_sim.can_bus.network.own_frames import FURTHER_FRAMES, contract_names, flags_of
+from plant_sim.kernels.instants import MS
 from plant_sim.nodes import e2e, float32
 from plant_sim.nodes.codec import (
     ALIKE,
     CONTRACT,
-    CYCLE_MS,
+    CYCLE_NS,
     END,
     FIRST,
     FLAGS,
@@ -40,11 +41,13 @@ from plant_sim.nodes.codec import (
     OF_THE_FRAME,
     PAGE,
     PAGE_SIGNAL,
+    PARTED,
     PIECES,
     RAW_ERROR,
     RAW_MAX,
     RAW_MIN,
     REAL,
+    REST,
     SELECTED,
     SELECTOR,
     SIGNED,
@@ -54,6 +57,7 @@ from plant_sim.nodes.codec import (
     VALIDITY,
     WIDTH,
     Codec,
+    physical,
 )
 
 _PIECES = 5
@@ -103,7 +107,7 @@ def _empty() -> Codec:
         np.zeros((rows, N_MESSAGE), dtype=np.int64),
         np.zeros((signals + _SPARE, N_FIELD), dtype=np.int64),
         np.zeros((signals + _SPARE, _PIECES, N_PIECE), dtype=np.int64),
-        np.ones((signals + _SPARE, 2)),
+        np.tile([1.0, 1.0, 0.0], (signals + _SPARE, 1)),
         *e2e.tables(rows),
     )
     codec.message[:, [KEY, SELECTOR, CONTRACT]] = -1
@@ -139,7 +143,7 @@ def _contract_field(codec: Codec, row: int, signal: Signal, first: int, names: l
         codec.field[row, PAGE_SIGNAL] = first + names.index(signal.multiplexer_signal)
     else:
         codec.field[row, PAGE_SIGNAL] = first
-    codec.scaling[row] = scale, offset
+    codec.scaling[row, :REST] = scale, offset
 
 
 @cache
@@ -149,7 +153,7 @@ def load() -> Codec:
     for index, message in enumerate(_messages().values()):
         row = codec.message[index]
         row[[IDENT, LENGTH, KEY]] = message.frame_id, message.length, message.frame_id
-        row[CYCLE_MS] = message.cycle_time or 0
+        row[CYCLE_NS] = (message.cycle_time or 0) * MS
         names = [signal.name for signal in message.signals]
         for k, signal in enumerate(message.signals):
             _contract_field(codec, int(row[FIRST]) + k, signal, int(row[FIRST]), names)
@@ -179,22 +183,32 @@ def of_map(bus: BusMap, frames: Mapping[int, Mapping[str, Signal]] | None = None
         row[KEY] = box.ident
         row[IDENT], row[LENGTH] = box.ident & (EXTENDED_IDENT - 1), box.sent_length
         row[FLAGS] = flags_of(box)
-        row[CYCLE_MS] = box.cycle_ms
+        row[CYCLE_NS] = round(box.cycle_ms * MS)
         row[LEADER] = leaders.setdefault(box.ident, index)
         e2e.put(codec.protection[index], codec.terms[index], codec.crc[index], box.protection)
-        for signal in box.signals:
+        summed = {signal.place.text for signal in box.signals if signal.added}
+        # of a sum the finest last: it has the rest
+        for signal in sorted(box.signals, key=lambda its: -its.step):
             if signal.place.text not in names.signals:
                 continue
             name = names.signals[signal.place.text]
-            at = signal_index(names.message, name)
+            first = at = signal_index(names.message, name)
             if codec.field[at, PIECES]:
-                # a mean of several: the same value is in each
-                codec.field[spare, ALIKE] = codec.field[at, ALIKE]
-                codec.field[at, ALIKE] = spare
+                # a mean of several: the same value is in each; a sum: each has a part of it
+                last = first
+                while codec.field[last, ALIKE] >= 0:
+                    last = codec.field[last, ALIKE]
+                codec.field[last, ALIKE] = spare
                 at, spare = spare, spare + 1
             _place(codec, at, signal)
             codec.field[at, FRAME] = index
             _scale(codec, at, signal, unit(names.message, name))
+            if signal.place.text in summed:
+                codec.field[at, PARTED] = 1
+                while first != at:
+                    limits = codec.field[at, [RAW_MIN, RAW_MAX]].tolist()
+                    codec.scaling[first, REST] += sum(physical(codec, at, n) for n in limits) / 2
+                    first = codec.field[first, ALIKE]
             others: dict[int, RawSignal | None] = {
                 MINUS: signal.minus,
                 TWIN: signal.twin.signal if signal.twin else None,
@@ -264,7 +278,7 @@ def _scale(codec: Codec, row: int, signal: MappedSignal, contract_unit: str) -> 
     """Scaling in the contract's unit, and the range of valid codes."""
     factor = float(conversion(signal.place.unit, contract_unit, signal.name, dbc.PATH.name))
     factor /= 2**signal.place.q
-    codec.scaling[row] = float(signal.scale) * factor, float(signal.offset) * factor
+    codec.scaling[row, :REST] = float(signal.scale) * factor, float(signal.offset) * factor
     low, high = signal.raw_lo, signal.raw_hi
     while high in signal.unavailable:
         high -= 1

@@ -245,7 +245,7 @@ def _add_further(
         contract = tables.message[index, codec.CONTRACT]
         first = node[node[:, sensor_kernel.MESSAGE] == contract][0]
         node[free] = first
-        period = int(tables.message[index, codec.CYCLE_MS]) * 1_000_000
+        period = int(tables.message[index, codec.CYCLE_NS])
         drawn = 0 if options.synchronous else int(draws.integers(period))
         leads = tables.message[index, codec.LEADER] == index
         node[free, [sensor_kernel.MESSAGE, sensor_kernel.PERIOD]] = index, period
@@ -278,8 +278,8 @@ def build(
         row = node[number]
         row[sensor_kernel.SENSOR] = number
         index = codec_tables.message_index(message)
-        own = int(contract.message[index, codec.CYCLE_MS]) * 1_000_000
-        period = int(tables.message[index, codec.CYCLE_MS]) * 1_000_000 or own
+        own = int(contract.message[index, codec.CYCLE_NS])
+        period = int(tables.message[index, codec.CYCLE_NS]) or own
         # the same share of the cycle on every bus
         drawn = 0 if options.synchronous else int(draws.integers(own)) * period // own
         members = data[len(channels) : len(channels) + len(names)]
@@ -299,7 +299,7 @@ def build(
             signals.append(codec_tables.signal_index(message, name))
             unit = codec_tables.unit(message, name)
             carrier = tables.message[tables.field[signals[-1], codec.FRAME]]
-            sampled = int(carrier[codec.CYCLE_MS]) * 1_000_000 or period
+            sampled = int(carrier[codec.CYCLE_NS]) or period
             channels.append(_channel(member, unit, sampled * 1e-9, options, draws))
     _add_further(node, tables, draws, options)
     channel = np.array(channels)

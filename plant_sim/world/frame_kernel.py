@@ -26,7 +26,7 @@ EVERY_MESSAGE = 1 << 20
 LATER_NS = 1_000_000
 """Delay of a duplicate behind the original."""
 CYCLES_LATE = 1.5
-SHORTEST_CYCLE_MS = 10
+SHORTEST_CYCLE_NS = 10_000_000
 """Delay of a reordered frame, in its cycle times: the next one overtakes it."""
 # Slots of Frames.clock.
 DRAWN, ATTACKER_AT_ECU, ATTACKER_AT_ACTUATOR, N_CLOCK = range(4)
@@ -86,8 +86,8 @@ def send(  # noqa: PLR0917
     if row >= 0 and frames.fault[0, 0] >= 0:
         late = int(1e9 * _amount(frames, DELAY, row, t_ns))
         if _happens(frames, REORDER, row, t_ns, seed):
-            cycle = max(int(tables.message[row, codec.CYCLE_MS]), SHORTEST_CYCLE_MS)
-            late += int(CYCLES_LATE * 1e6 * cycle)
+            cycle = max(int(tables.message[row, codec.CYCLE_NS]), SHORTEST_CYCLE_NS)
+            late += int(CYCLES_LATE * cycle)
         if _happens(frames, DUPLICATE, row, t_ns, seed):
             again = late + LATER_NS
             bus.submit(network, node, t_ns + again, ident, length, payload, flags, 0, again)

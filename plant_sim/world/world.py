@@ -23,7 +23,7 @@ from plant_sim.kernels.jit import compiling, is_cached
 from plant_sim.kernels.records import entry, type_of
 from plant_sim.nodes import authentication
 from plant_sim.nodes.actuators import ActuatorOptions
-from plant_sim.nodes.codec import CYCLE_MS, IDENT, MAX_PAYLOAD
+from plant_sim.nodes.codec import CYCLE_NS, IDENT, MAX_PAYLOAD
 from plant_sim.nodes.codec_tables import message_index
 from plant_sim.nodes.sensors import SensorOptions
 from plant_sim.world import fault_parts, recording, world_parts
@@ -295,7 +295,7 @@ class World:
     @property
     def imu_period_ns(self) -> int:
         """Cycle time of these frames (ns)."""
-        return int(self._imu[CYCLE_MS]) * STEP_NS
+        return int(self._imu[CYCLE_NS])
 
     @property
     def refused(self) -> int:

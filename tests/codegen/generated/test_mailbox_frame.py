@@ -53,6 +53,7 @@ def load(folder, message="Motion", more="", signal="Rate", rest=""):
         ("fd = true\nbytes = 24", (100, 24, True, 0)),
         ("period_ms = 20", (100, 8, False, 20)),
         ("cycle_ms = 30", (100, 8, False, 30)),
+        ("period_ms = 12.5", (100, 8, False, 12.5)),
     ],
 )
 def test_a_map_says_of_a_frame_what_the_dbc_lacks(tmp_path, more, expected):
@@ -81,7 +82,7 @@ def test_an_empty_message_has_the_bytes_that_the_map_gives(tmp_path):
         ("Motion", "fd = 1", "Rate", "fd must be true or false, not 1"),
         ("Motion", "id = 0x20000000", "Rate", "id must be a whole number up to 536870911"),
         ("Motion", "id = 0x800\nextended = false", "Rate", "0x800 in 11 bits: give extended"),
-        ("Motion", "period_ms = 20000", "Rate", "period_ms must be a whole number up to 10000"),
+        ("Motion", "period_ms = 20000", "Rate", "period_ms must be a number from 1 to 10000"),
         ("Motion", "period_ms = 2\ncycle_ms = 2", "Rate", "give one of them"),
         ("Same", "", "Rate", "Same and Other have the identifier 0x68: give that of Same as id"),
         ("Named", "", "Rate", "2 messages are named Named: rename all but one"),

@@ -71,6 +71,16 @@ signals.VehYaw_W_Actl = { field = "yaw_rate", sign = -1 }
 message = "BrakeSysFeatures"
 signals.Veh_V_ActlBrk = "speed"
 """,
+    # an angle in steps of 1.5 degrees, and the rest of it
+    "toyota_prius_2010_pt": """schema = 1
+[receive.vehicle_motion]
+message = "STEER_ANGLE_SENSOR"
+signals.STEER_ANGLE = "steering"
+signals.STEER_FRACTION = { field = "steering", add = true }
+[transmit.status]
+message = "SPEED"
+signals.SPEED = "speed"
+""",
     # frames of five bytes, a signal without a unit
     "hyundai_2015_ccan": """schema = 1
 [receive.imu]
