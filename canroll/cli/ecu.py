@@ -280,6 +280,7 @@ def replay_drive(
 
     Raises:
         CanrollError: an unreadable log, or none of its frames; no fitted vehicle to compare with.
+        VerdictError: a message without any right checksum; all is written.
     """
     fitted = _fitted(args.fitted, loaded)
     out = page_folder(folder_of(args))
@@ -330,6 +331,9 @@ def replay_drive(
         if identified:
             terminal.show_titled(estimate_table(identified))
         terminal.show_files(data["files"])
+    refusals = [heard.refusal for heard in drive.receptions if heard.refusal]
+    if refusals:
+        raise VerdictError("; ".join(refusals))
     return 0
 
 

@@ -46,7 +46,7 @@ class Reception:
 
     message: str
     frames: int
-    cycle_ms: int
+    cycle_ms: float
     longest_gap_ms: float | None
     late: int = 0
     accepted: int = 0
@@ -65,12 +65,25 @@ class Reception:
         return {word: count for word, count in counts.items() if count}
 
     @property
+    def refusal(self) -> str:
+        """The line on checksums of which none is right, as if the sender formed others; else ""."""
+        if not self.profile or not self.checksum:
+            return ""
+        if self.accepted or self.synchronising or self.counter:
+            return ""
+        key = "constant" if self.profile == "own" else "data_id"
+        return (
+            f"{self.message}: {self.checksum} of {self.frames} frames fail their checksum "
+            f"(profile {self.profile}): {key}?"
+        )
+
+    @property
     def remark(self) -> str:
         """What failed, in one line; "": nothing did."""
+        if self.refusal:
+            return self.refusal
         parts = [f"{count} by {word}" for word, count in self.failures.items()]
         refusals = f"{' and '.join(parts)} of {self.frames} frames refused" if parts else ""
-        if self.checksum and self.checksum == self.frames:
-            refusals += f": are data_id and profile {self.profile} those of the sender?"
         late = f"late {self.late} times" if self.late else ""
         return (
             f"{self.message}: {'; '.join(filter(None, (refusals, late)))}"

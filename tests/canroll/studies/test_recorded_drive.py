@@ -10,7 +10,7 @@ from support import rough_bus
 
 from canroll.cli import ecu
 from canroll.cli.main import parse
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, VerdictError
 from canroll.runs import experiment, logs
 from canroll.setup.bus_frames import firmware_of, profile_of
 from codegen.generated.mailbox import EXTENDED
@@ -136,13 +136,22 @@ def test_a_wrong_data_id_is_named(recorded, tmp_path, capsys):
                 data = bytes([data[0] ^ 0x40]) + data[1:]
             ident = f"{m.arbitration_id:0{8 if m.is_extended_id else 3}X}"
             file.write(f"({m.timestamp:.6f}) can0 {ident}#{data.hex()}\n")
-    found = replayed(line, damaged, tmp_path, capsys)
-    heard = found["receptions"][0]
-    if not heard["profile"]:
+    verdict = ""
+    try:
+        replayed(line, damaged, tmp_path, capsys)
+    except VerdictError as error:
+        verdict = str(error)
+    heard = json.loads((tmp_path / "drive.json").read_text())["receptions"][0]
+    count, profile = heard["frames"], heard["profile"]
+    if not profile:
+        assert not verdict
         return
-    assert heard["checksum"] == heard["frames"]
-    page = (tmp_path / "drive.html").read_text(encoding="utf-8")
-    assert f"are data_id and profile {heard['profile']} those of the sender?" in page
+    assert heard["checksum"] == count
+    assert verdict == (
+        f"{heard['message']}: {count} of {count} frames fail their checksum (profile {profile}): "
+        f"{'constant' if profile == 'own' else 'data_id'}?"
+    )
+    assert verdict in (tmp_path / "drive.html").read_text(encoding="utf-8")
 
 
 def test_another_bus_and_options_of_a_bus_are_refused(recorded, tmp_path):
