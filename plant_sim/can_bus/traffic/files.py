@@ -30,6 +30,8 @@ DEFAULT_BITRATE: Final = 500_000
 CLASSIC: Final = 8
 """Most bytes of a classic frame."""
 _NAMED: Final = 8
+_EVENTS: Final = ("spontaneous", "event", "change", "write", "trigger")
+"""Words in a GenMsgSendType of messages that are sent on events."""
 DATABASES: Final = (".dbc", ".kcd", ".arxml", ".sym")
 """Suffixes of the descriptions that cantools reads."""
 _TABLE: Final = ("bitrate", "data_bitrate", "message")
@@ -118,15 +120,21 @@ def load_traffic(
 def _from_database(path: Path, chosen: str, period_ms: float | None) -> Traffic:
     database, warnings = read(path)
     bus = _bus(path, database, chosen)
-    messages, left_out, long = [], [], []
+    messages, left_out = [], []
+    long, split, events = [], [], []
     for message in database.messages:
         if bus is not None and message.bus_name not in (None, bus.name):
             continue
-        period = _period_ms(message) or period_ms
-        if period:
+        least = attribute(message, "GenMsgDelayTime") if _on_events(message) else 0
+        period = least or message.cycle_time or period_ms
+        if message.length > FD_LENGTHS[-1]:
+            split.append(message.name)
+        elif period:
             messages.append(_message(message, period))
             if message.length > CLASSIC and not message.is_fd:
                 long.append(message.name)
+            if _on_events(message) and not least:
+                events.append(f"{message.name} {period:g} ms")
         else:
             left_out.append(message.name)
     bitrate = (bus and bus.baudrate) or attribute(database, "Baudrate")
@@ -137,9 +145,14 @@ def _from_database(path: Path, chosen: str, period_ms: float | None) -> Traffic:
             check_frame(listed.ident, listed.length, listed.flags)
     except CanrollError as error:
         raise CanrollError(f"{path}: {error}") from error
-    if long:
-        names = ", ".join(long[:_NAMED]) + (" …" if len(long) > _NAMED else "")
-        warnings = (*warnings, f"{path}: taken as CAN FD, as longer than {CLASSIC} bytes: {names}")
+    for text, names in (
+        (f"taken as CAN FD, as longer than {CLASSIC} bytes", long),
+        (f"left out, as longer than {FD_LENGTHS[-1]} bytes (of a transport protocol)", split),
+        ("sent on events without a least distance (GenMsgDelayTime), assumed", events),
+    ):
+        if names:
+            more = " …" if len(names) > _NAMED else ""
+            warnings = (*warnings, f"{path}: {text}: {', '.join(names[:_NAMED])}{more}")
     return Traffic(
         bitrate or DEFAULT_BITRATE,
         data_bitrate if switched else 0,
@@ -162,12 +175,10 @@ def _bus(path: Path, database: Database, chosen: str) -> Bus | None:
     return buses[chosen] if chosen else next(iter(buses.values()), None)
 
 
-def _period_ms(message: Message) -> int:
-    """Cycle time, or the minimum distance of a message that is also sent on events, if given."""
-    period = int(message.cycle_time or 0)
-    least = attribute(message, "GenMsgDelayTime")
-    event = "spontaneous" in (message.send_type or "").lower()
-    return least if event and least else period
+def _on_events(message: Message) -> bool:
+    """Whether a message is sent on events, alone or besides its cycle."""
+    send_type = (message.send_type or "").lower()
+    return any(word in send_type for word in _EVENTS)
 
 
 def _message(message: Message, period_ms: float) -> BusMessage:

@@ -283,3 +283,38 @@ def test_the_command_refuses_nonsense(tmp_path):
         run(write(tmp_path, "nonsense = 1"))
     with pytest.raises(CanrollError, match="no such file"):
         run(Path("nosuch.dbc"))
+
+
+EVENT_DBC = """VERSION ""
+BU_: Gateway
+BO_ 160 Cyclic: 8 Gateway
+ SG_ a : 0|8@1+ (1,0) [0|0] "" Gateway
+BO_ 300 Event: 8 Gateway
+ SG_ a : 0|8@1+ (1,0) [0|0] "" Gateway
+BO_ 301 Distant: 8 Gateway
+ SG_ a : 0|8@1+ (1,0) [0|0] "" Gateway
+BO_ 2633834494 Parts: 200 Gateway
+ SG_ far : 1584|8@1+ (1,0) [0|255] "" Gateway
+BA_DEF_ BO_ "GenMsgCycleTime" FLOAT 0 65535;
+BA_DEF_ BO_ "GenMsgDelayTime" INT 0 65535;
+BA_DEF_ BO_ "GenMsgSendType" ENUM "Cyclic","OnEvent","NoMsgSendType";
+BA_DEF_DEF_ "GenMsgCycleTime" 200;
+BA_DEF_DEF_ "GenMsgDelayTime" 0;
+BA_DEF_DEF_ "GenMsgSendType" "Cyclic";
+BA_ "GenMsgCycleTime" BO_ 160 12.5;
+BA_ "GenMsgSendType" BO_ 300 1;
+BA_ "GenMsgSendType" BO_ 301 1;
+BA_ "GenMsgDelayTime" BO_ 301 50;
+"""
+
+
+def test_what_a_database_assumes_and_leaves_out_is_named(tmp_path):
+    """Times of 12.5 ms are exact; J1939 messages longer than any frame are sent in parts."""
+    path = tmp_path / "events.dbc"
+    path.write_text(EVENT_DBC)
+    traffic = load_traffic(path)
+    periods = {message.name: message.period_ns for message in traffic.messages}
+    assert periods == {"Cyclic": 12_500_000, "Event": 200 * MS, "Distant": 50 * MS}
+    long, events = traffic.warnings
+    assert "longer than 64 bytes" in long and long.endswith(": Parts")
+    assert "sent on events" in events and events.endswith(": Event 200 ms")
