@@ -21,6 +21,8 @@ _EVENT: Final = re.compile(r"(?P<time>-?\d+(?:[.,]\d+)?)\s+(?P<rest>\S.*)")
 _FRAME: Final = re.compile(
     r"CANFD\s+\d+\s+(Rx|Tx)\s|\d+\s+(ErrorFrame|\S+\s+(?P<way>Rx|Tx|TxRq)(\s|$))", re.IGNORECASE
 )
+_OVERLOAD: Final = re.compile(r"(?:CANFD\s+)?\d+\s+OverloadFrame", re.IGNORECASE)
+_START: Final = "Start of"
 _BYTES: Final = re.compile(r"\d+\s+\S+\s+\S+\s+d\s+\S+(?P<data>(?:\s+[0-9A-Fa-f]{1,3}(?=\s|$))*)")
 _MOST_CLASSIC: Final = 8
 _FDF: Final = 0x1000
@@ -37,6 +39,7 @@ def read(lines: Sequence[Line], remarks: Remarks) -> list[Numbered]:
     """
     times: dict[int, float] = {}
     rests: dict[int, str] = {}
+    events: list[Line] = []
     decimal = relative = False
     clock = 0.0
     for line in lines:
@@ -55,12 +58,18 @@ def read(lines: Sequence[Line], remarks: Remarks) -> list[Numbered]:
         clock = clock + time if relative else time
         frame = _FRAME.match(event["rest"])
         if frame is None:
+            if _OVERLOAD.match(event["rest"]):
+                remarks.leave_out("an overload frame", line.number)
+            elif not event["rest"].startswith(_START):
+                events.append(line)
             continue
         if (frame["way"] or "").lower() == "txrq":
             remarks.leave_out("a request to send (TxRq), no frame", line.number)
             continue
         times[line.number] = clock
         rests[line.number] = _decimal(event["rest"]) if decimal else event["rest"]
+    if events and not rests:
+        raise LineError(events[0], f"not {WHAT}, as no other line is")
     messages = []
     for number, message in parsed(can.ASCReader, _feed(lines, rests, decimal), WHAT):
         message.timestamp = times.pop(number)

@@ -1,7 +1,8 @@
 """Binary logs of Vector (``.blf``) through python-can's reader, held against their own objects.
 
-python-can's reader passes over two kinds of error frames, and over the end of a file that was
-cut off; so the objects are walked here too, and counted.
+python-can's reader passes over two kinds of error frames, over objects outside of containers, and
+over the end of a file that was cut off; so the objects are walked here too, and counted, and it
+gets them in one container.
 Source of the layout: python-can's ``blf.py``, after Vector_BLF.
 """
 
@@ -16,7 +17,7 @@ import can
 from can.io import blf
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus.logs.lines import Numbered
+from plant_sim.can_bus.logs.lines import Numbered, reader_warnings
 from plant_sim.can_bus.logs.remarks import Remarks
 
 _FRAMES: Final = (
@@ -26,6 +27,7 @@ _FRAMES: Final = (
 """Kinds of objects that python-can reads."""
 _ERROR, _FD_ERROR_64 = 2, 104
 """Error frames that it does not read; both begin with the channel."""
+_FILE: Final = b"LOGG"
 _SIGNATURE: Final = b"LOBJ"
 _PADDING: Final = 8
 """Within so many bytes behind an object the next one begins."""
@@ -50,17 +52,19 @@ def read(content: bytes, remarks: Remarks) -> list[Numbered]:
     """
     objects: list[_Object] = []
     messages: list[can.Message] = []
-    cut = False
+    walk = _Walk(content)
     try:
-        reader = blf.BLFReader(io.BytesIO(content))
-        walk = _Walk(content)
-        objects = list(walk.objects())
-        cut = walk.cut
-        for message in reader:
-            messages.append(message)
+        for item in walk.objects():
+            objects.append(item)
+        reader = blf.BLFReader(io.BytesIO(walk.in_one_container()))
+        # of versions that it does not know it warns, object by object: they are counted below
+        with reader_warnings():
+            for message in reader:
+                messages.append(message)
     except (error, ValueError, zlib.error, blf.BLFParseError, OverflowError) as fault:
-        if not cut:
-            raise CanrollError(DAMAGED) from fault
+        if not walk.cut:
+            place = f": what is behind its object {len(objects)}" if objects else ""
+            raise CanrollError(f"{DAMAGED}{place}") from fault
     frames = iter(messages)
     entries: list[Numbered] = []
     for item in objects:
@@ -74,7 +78,7 @@ def read(content: bytes, remarks: Remarks) -> list[Numbered]:
             )
             entries.append(Numbered(len(entries) + 1, broken))
     stated = _COUNT_PLACE.unpack_from(content)[0]
-    if cut:
+    if walk.cut:
         remarks.add("the file is cut off: its last frames are missing")
     elif len(objects) < stated:
         remarks.add(f"the header counts {stated} objects, {len(objects)} are there")
@@ -89,12 +93,23 @@ class _Walk:
 
     def __init__(self, content: bytes) -> None:
         self._content = content
+        self._read: list[bytes] = []
         self.cut = False
 
+    def in_one_container(self) -> bytes:
+        """Return the file with all the objects that were walked in one container."""
+        inner, head = b"".join(self._read), blf.OBJ_HEADER_BASE_STRUCT
+        box = blf.LOG_CONTAINER_STRUCT.pack(blf.NO_COMPRESSION, len(inner)) + inner
+        size = head.size + len(box)
+        start = blf.FILE_HEADER_STRUCT.unpack_from(self._content)[1]
+        container = head.pack(_SIGNATURE, head.size, 1, size, blf.LOG_CONTAINER) + box
+        return self._content[:start] + container + bytes(size % 4)
+
     def objects(self) -> Iterator[_Object]:
-        """Yield the objects within containers, in their order."""
+        """Yield the objects, within containers or not, in their order."""
         buffer = b""
         for piece in self._pieces():
+            self._read.append(piece)
             buffer += piece
             place = 0
             while (start := buffer.find(_SIGNATURE, place, place + _PADDING)) >= 0:
@@ -114,9 +129,11 @@ class _Walk:
         self.cut = self.cut or _SIGNATURE in buffer
 
     def _pieces(self) -> Iterator[bytes]:
-        """Yield the contents of the containers."""
+        """Yield the contents of the containers, and objects outside of them."""
         content = self._content
-        place = blf.FILE_HEADER_STRUCT.unpack_from(content)[1]
+        kind, place = blf.FILE_HEADER_STRUCT.unpack_from(content)[:2]
+        if kind != _FILE:
+            raise ValueError
         head = blf.OBJ_HEADER_BASE_STRUCT
         self.cut = place > len(content)
         while place < len(content):
@@ -136,6 +153,8 @@ class _Walk:
                     if method == blf.NO_COMPRESSION
                     else zlib.decompressobj().decompress(inner)
                 )
+            else:
+                yield content[place : place + size + size % 4]
             place += size + size % 4
 
 

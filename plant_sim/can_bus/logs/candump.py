@@ -30,6 +30,8 @@ _FRAME: Final = re.compile(
     r"(?:_(?P<dlc>[9A-Fa-f]))?"
 )
 _XL: Final = re.compile(r"[0-9A-Fa-f]{1,8}:[0-9A-Fa-f]{2}:|[0-9A-Fa-f]{2}:[0-9A-Fa-f]{2}:")
+_CONSOLE: Final = "Warning: console output active while logging!"
+"""What candump itself prints, without an end of line, into what is logged."""
 _ERROR: Final = 0x2000_0000
 _IDENT: Final = 0x1FFF_FFFF
 _SWITCH, _STATE = 1, 2
@@ -46,7 +48,7 @@ def read(lines: Sequence[Line], remarks: Remarks) -> list[Numbered]:
     """
     messages = []
     for line in lines:
-        text = line.text.strip()
+        text = line.text.strip().removeprefix(_CONSOLE)
         if not text or text.startswith(("#", ";", "//")) or line.text.startswith("\t"):
             continue
         if logged := _LOGGED.match(text):

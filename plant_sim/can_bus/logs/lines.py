@@ -85,7 +85,7 @@ def parsed(
         LineError: the reader fails at a line, or warns of it.
     """
     feed = _Feed(lines)
-    with _warnings() as warned:
+    with reader_warnings() as warned:
         messages = iter(reader(feed))  # type: ignore[arg-type]
         while True:
             try:
@@ -100,7 +100,7 @@ def parsed(
 
 
 @contextmanager
-def _warnings() -> Iterator[list[str]]:
+def reader_warnings() -> Iterator[list[str]]:
     """Collect the warnings of python-can's readers, which else go to stderr."""
     warned: list[str] = []
     log, listener = logging.getLogger("can.io"), logging.Handler(logging.WARNING)

@@ -27,6 +27,7 @@ _DECREASING: Final = 0.2
 _NO_TIMES: Final = (
     "they are no times of reception (of candump -t d they are differences: record with -L)"
 )
+_NEGATED: Final = "they fall throughout, as with their sign changed: take the minus off"
 _MOST_JUMPS: Final = 100
 _SHARE: Final = 0.01
 """Jumps back, at most, and of all frames if there are few: a clock is not set more often."""
@@ -81,7 +82,7 @@ def find_sections(times_ns: NDArray[np.int64]) -> Sections:
     if decreasing > max(_FEW, _DECREASING * len(times_ns)):
         raise CanrollError(
             f"the times of {decreasing} of {len(times_ns)} frames are before those of the frame"
-            f" before: {_NO_TIMES}"
+            f" before: {_NEGATED if decreasing == len(gaps) else _NO_TIMES}"
         )
     if len(times_ns) > _FEW and not gaps.any():
         raise CanrollError(f"all {len(times_ns)} frames have the same time")

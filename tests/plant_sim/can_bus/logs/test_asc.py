@@ -126,3 +126,16 @@ def test_a_last_line_that_was_being_written_is_left_out(tmp_path):
     logged = only(tmp_path, f"{HEAD}{frames(2)}0.3 1 122 Rx d 8 1 2 3 4 5 6 7 Z")
     assert len(logged.ident) == 2
     assert logged.remarks == ("line 7: the file is cut off within it: left out",)
+
+
+def test_overload_frames_are_named(tmp_path):
+    overload = "   0.005000 1  OverloadFrame\n"
+    logged = only(tmp_path, HEAD + frames(1) + overload + overload + frames(3, since=0.01))
+    assert len(logged.ident) == 4
+    assert logged.remarks == ("line 6 and 1 more: an overload frame: left out",)
+
+
+def test_a_log_without_any_frame_names_the_first_line_that_is_none(tmp_path):
+    line = "   0.000000 Timestamp: 1714055256.0    ID: 18ff3127    X Rx    DL:  1    12\n"
+    with pytest.raises(CanrollError, match=r"line 6: not a frame of an \.asc, as no other line is"):
+        only(tmp_path, HEAD + "   0.000000 Start of measurement\n" + 3 * line)

@@ -83,5 +83,24 @@ def test_damage_within_a_file_is_refused(tmp_path):
     content = bytearray(path.read_bytes())
     content[144 + 32 + 48 * 4 : 144 + 32 + 48 * 4 + 12] = bytes(12)
     path.write_bytes(content)
-    with pytest.raises(CanrollError, match="damaged, or not a BLF"):
+    with pytest.raises(CanrollError, match="damaged, or not a BLF: what is behind its object 4"):
         read_log(path)
+
+
+def test_objects_outside_of_containers_are_read(tmp_path):
+    within, loose = [frame(MS * k) for k in range(5)], [frame(MS * k) for k in range(5, 8)]
+    path = blf(tmp_path / "log.blf", *within, count=8)
+    path.write_bytes(path.read_bytes() + b"".join(loose))
+    logged = read_log(path)["0"]
+    assert logged.received_ns.tolist() == [MS * k for k in range(8)]
+    assert logged.remarks == ()
+
+
+def test_an_object_of_another_version_is_counted_without_the_words_of_python_can(tmp_path, capfd):
+    foreign = bytearray(frame(MS))
+    foreign[6:8] = bytes(2)
+    path = blf(tmp_path / "log.blf", frame(0), foreign, frame(2 * MS))
+    logged = read_log(path)["0"]
+    assert logged.received_ns.tolist() == [0, 2 * MS]
+    assert logged.remarks == ("3 frames are there, 2 can be read",)
+    assert capfd.readouterr().err == ""

@@ -128,3 +128,8 @@ def test_a_packed_log_is_read_and_a_damaged_one_is_named(tmp_path):
     path.write_bytes(path.read_bytes()[:-20])
     with pytest.raises(CanrollError, match="damaged, or not packed by gzip"):
         read_log(path)
+
+
+def test_what_candump_says_of_its_own_console_is_no_frame(tmp_path):
+    logged = read(tmp_path, "", f"Warning: console output active while logging!{LOGGED}", LOGGED)
+    assert logged["can0"].ident.tolist() == [0xA0, 0xA0]

@@ -116,3 +116,8 @@ def test_a_step_of_one_second_is_cut_out(tmp_path):
     assert (np.diff(logged.received_ns) > 0).all()
     assert logged.received_ns[-1] == 9990 * MS
     assert "forward by 1.01 s at frame 181, back by 990 ms at frame 271" in logged.remarks[0]
+
+
+def test_times_that_fall_throughout_are_called_negated():
+    with pytest.raises(CanrollError, match="take the minus off"):
+        find_sections(-TIMES)
