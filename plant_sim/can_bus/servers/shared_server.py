@@ -167,7 +167,8 @@ class SharedBus:
             if not hmac.compare_digest(token.encode(), self._token.encode()):
                 send_line(connection, {"error": "the token is not the one that the bus shows"})
             elif name in joined:
-                send_line(connection, {"error": f"a program '{name}' is on the bus already"})
+                taken = f"a program '{name}' is on the bus already: name this one by node=NAME"
+                send_line(connection, {"error": f"{taken} (--bus-kwargs node=NAME)"})
             elif len(joined) == self._expected:
                 send_line(connection, {"error": "all programs are on the bus already"})
             else:
