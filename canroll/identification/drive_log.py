@@ -93,9 +93,11 @@ QUANTITIES = {
         for k, wheel in enumerate(WHEELS)
     },
 }
-"""What a log may have, by name; the first five it must have."""
-REQUIRED = tuple(QUANTITIES)[:5]
-INPUTS = ("steering", "speed")
+"""What a log may have, by name."""
+REQUIRED = INPUTS = ("steering", "speed")
+"""What drives the car: a log must have it."""
+MOTION = ("yaw_rate", "lateral_acceleration", "roll_rate")
+"""What is compared of most logs: what of it is missing is remarked."""
 DELIVERED = tuple(f"delivered_{axle}" for axle in AXLES)
 COMMANDED = tuple(f"commanded_{axle}" for axle in AXLES)
 FORCES = tuple(f"commanded_force_{wheel}" for wheel in WHEELS)
@@ -103,7 +105,7 @@ FORCES = tuple(f"commanded_force_{wheel}" for wheel in WHEELS)
 OUTPUTS = tuple(
     name for name in QUANTITIES if name not in (*INPUTS, *DELIVERED, *COMMANDED, *FORCES)
 )
-"""What drives the car, and what is compared."""
+"""What is compared; a log must have one of them."""
 
 _SUFFIXES = {
     "deg": "deg",
@@ -337,6 +339,8 @@ def _complete(
     file: str, known: Mapping[str, SignalChoice], option: str, names: Sequence[str] = ()
 ) -> None:
     missing = [QUANTITIES[name].label for name in REQUIRED if name not in known]
+    if not missing and not set(OUTPUTS) & set(known):
+        missing = [QUANTITIES[name].label for name in MOTION]
     if missing:
         there = f"; it has {', '.join(names)}" if names else ""
         raise CanrollError(f"{file}: no {', no '.join(missing)}: name it by {option}{there}")

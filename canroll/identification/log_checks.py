@@ -1,7 +1,8 @@
 """Slips of a log that a fit would hide in its numbers: reversed signs, wrong units, no excitation.
 
 Steering, speed, yaw rate and lateral acceleration check each other by kinematics: a_y ≈ v r, and
-r ≈ v δ / (l + K v²) of the car where the fit starts. Roll signals are compared with that car's.
+r ≈ v δ / (l + K v²) of the car where the fit starts. Other signals are compared with that car's,
+and without yaw rate all.
 """
 
 from collections.abc import Iterator, Mapping
@@ -24,11 +25,20 @@ NEAR = natural(2.5)
 """A slip changes a ratio by more; another car than the one at the start by less."""
 SAME = natural(1.6)
 """The same for signals of one motion, whatever the car."""
+ALIKE = 1e-6
+"""Distances that differ by less are one: rounding."""
 RELATED = 0.5
 """Correlation below which two signals have nothing to do with each other."""
 LAG = 0.1
 """Largest delay between signals (s) of which a sign is told."""
 RADIAN = degrees(1.0)
+UNITS = {
+    "rate": ("deg/s", "rad/s", RADIAN),
+    "angle": ("deg", "rad", RADIAN),
+    "length": ("mm", "m", 1e3),
+    "acceleration": ("m/s2", "g", GRAVITY),
+}
+"""By the kind of a signal the unit of larger numbers, that of smaller ones, and their ratio."""
 
 
 class _Slip(NamedTuple):
@@ -61,20 +71,29 @@ def check(log: Log, model: Model) -> None:
     Raises:
         CanrollError: no excitation, or slips: one line with the remedy of each.
     """
-    there = model.compared.all(axis=1)
-    if there.sum() * SAMPLE < 1.0:
-        raise CanrollError(f"{log.name}: less than 1 s that has all signals and counts")
+    lateral = np.std(excitation(log, model))
     # before the excitation, which a slip may hide
     if named := slips(log, model):
         raise CanrollError(f"{log.name}: {'; '.join(named)}")
     check_steering(log, model)
-    lateral = np.std(_signals(model)["lateral_acceleration"])
     if lateral < LEAST_ACCELERATION:
         raise CanrollError(
             f"{log.name}: no excitation: lateral acceleration of {lateral:.2g} m/s² RMS "
             f"tells nothing of the car; {LEAST_ACCELERATION:g} are needed: steer, or choose "
             "another part by --from and --to"
         )
+
+
+def excitation(log: Log, model: Model) -> Vector:
+    """Return the lateral acceleration (m/s²) where all signals are compared.
+
+    Raises:
+        CanrollError: they are for less than a second.
+    """
+    signals = _signals(model)
+    if signals["speed"].size * SAMPLE < 1.0:
+        raise CanrollError(f"{log.name}: less than 1 s that has all signals and counts")
+    return _accelerations(model.vehicle, signals)[0]
 
 
 def check_steering(log: Log, model: Model) -> None:
@@ -101,17 +120,17 @@ def slips(log: Log, model: Model) -> tuple[str, ...]:
     """Return the slips in words, each with its remedy; none if the log is right.
 
     Of a log in which neither lateral acceleration nor yaw rate varies, as on a circle, nothing can
-    be said.
+    be said. Without yaw rate, signals are compared with those of the car at the start.
 
     Raises:
         CanrollError: the car of the start cannot be driven as in the log.
     """
     signals = _signals(model)
-    accelerations = signals["lateral_acceleration"], signals["speed"] * signals["yaw_rate"]
+    accelerations = _accelerations(model.vehicle, signals)
     if not signals["speed"].size or max(map(np.std, accelerations)) < LEAST_ACCELERATION:
         return ()
     kinematic = _kinematic(log, model.vehicle, signals)
-    return tuple(_rolling(log, model)) if kinematic is None else (kinematic,)
+    return tuple(_unlike(log, model)) if kinematic is None else (kinematic,)
 
 
 def _signals(model: Model) -> dict[str, Vector]:
@@ -121,6 +140,22 @@ def _signals(model: Model) -> dict[str, Vector]:
     for name in ("steering", "speed"):
         signals[name] = np.concatenate([getattr(piece, name) for piece in model.pieces])
     return {name: values[there] for name, values in signals.items()}
+
+
+def _turning(vehicle: Vehicle, signals: Mapping[str, Vector]) -> Vector:
+    """Return the yaw rate that the steering gives."""
+    speed = signals["speed"]
+    length = vehicle.geometry.wheelbase + vehicle.understeer * speed**2
+    return np.asarray(speed * signals["steering"] / vehicle.steering.ratio / length)
+
+
+def _accelerations(vehicle: Vehicle, signals: Mapping[str, Vector]) -> list[Vector]:
+    """Return the lateral acceleration as measured and by the yaw rate, else by the steering."""
+    measured = [signals[name] for name in ("lateral_acceleration",) if name in signals]
+    turns = signals.get("yaw_rate")
+    if turns is None and not measured:
+        turns = _turning(vehicle, signals)
+    return measured if turns is None else [*measured, signals["speed"] * turns]
 
 
 def _remedy(log: Log, slip: _Slip) -> str:
@@ -150,62 +185,72 @@ def _gain(y: Vector, x: Vector) -> tuple[float, float]:
     return float(np.sign(xy) * np.sqrt(yy / xx)), float(xy / np.sqrt(xx * yy))
 
 
-def _gains(vehicle: Vehicle, signals: Mapping[str, Vector]) -> list[tuple[float, float]]:
-    """Return slope and correlation of a_y over v r, and of r over what the steering gives."""
-    steering, speed, yaw_rate = (signals[name] for name in ("steering", "speed", "yaw_rate"))
-    length = vehicle.geometry.wheelbase + vehicle.understeer * speed**2
-    return [
-        _gain(signals["lateral_acceleration"], speed * yaw_rate),
-        _gain(yaw_rate, speed * steering / vehicle.steering.ratio / length),
-    ]
+class _Relation(NamedTuple):
+    """Two signals of one motion: slope of the first over the second, and their correlation."""
+
+    one: str
+    other: str
+    slope: float
+    correlation: float
 
 
-def _far(gains: list[tuple[float, float]]) -> float:
-    """Distance of both slopes from 1, infinite where a sign is wrong."""
-    if min(slope for slope, _ in gains) <= 0.0:
+def _relations(vehicle: Vehicle, signals: Mapping[str, Vector]) -> list[_Relation]:
+    """Return a_y over v r, and r over what the steering gives; none without yaw rate."""
+    if "yaw_rate" not in signals:
+        return []
+    yaw_rate = signals["yaw_rate"]
+    gain = _gain(yaw_rate, _turning(vehicle, signals))
+    result = [_Relation("yaw rate", "what the steering gives", *gain)]
+    if "lateral_acceleration" in signals:
+        gain = _gain(signals["lateral_acceleration"], signals["speed"] * yaw_rate)
+        result.insert(0, _Relation("lateral acceleration", "speed × yaw rate", *gain))
+    return result
+
+
+def _far(relations: list[_Relation]) -> float:
+    """Distance of the slopes from 1, infinite where a sign is wrong."""
+    if min((one.slope for one in relations), default=1.0) <= 0.0:
         return inf
-    return sum(abs(natural(slope)) for slope, _ in gains)
+    return sum(abs(natural(one.slope)) for one in relations)
 
 
 def _kinematic(log: Log, vehicle: Vehicle, signals: Mapping[str, Vector]) -> str | None:
-    """Return in words the slip that explains the signals best; None if they agree."""
-    gains = _gains(vehicle, signals)
-    for (_, correlation), what in zip(
-        gains,
-        ("lateral acceleration and speed × yaw rate", "yaw rate and steering"),
-        strict=True,
-    ):
-        if abs(correlation) < RELATED:
+    """Return in words the slip that explains the signals best; None if they agree.
+
+    Of slips that explain them alike, each is named.
+    """
+    relations = _relations(vehicle, signals)
+    for one in relations:
+        if abs(one.correlation) < RELATED:
             return (
-                f"{what} have a correlation of {correlation:.2f}: they are not of one "
-                "drive, or one of their names is wrong"
+                f"{one.one} and {one.other} have a correlation of {one.correlation:.2f}: they are "
+                "not of one drive, or one of their names is wrong"
             )
-    if _far(gains) < NEAR:
+    if _far(relations) < NEAR:
         return None
-    best, least = None, NEAR
+    best: dict[str, float] = {}
     for slip in _slips(vehicle.steering.ratio):
-        corrected = {**signals, slip.signal: signals[slip.signal] / slip.factor}
-        if (far := _far(_gains(vehicle, corrected))) < least:
-            best, least = slip, far
-    if best is not None:
-        return _remedy(log, best)
-    (kinematic, _), (turning, _) = gains
-    if kinematic > 0.0 and abs(natural(kinematic)) < SAME and _far(gains) < 2 * NEAR:
+        if slip.signal in signals:
+            corrected = {**signals, slip.signal: signals[slip.signal] / slip.factor}
+            best[_remedy(log, slip)] = _far(_relations(vehicle, corrected))
+    least = min(best.values())
+    if least < NEAR:
+        return ", or ".join(text for text, far in best.items() if far < least + ALIKE)
+    kinematic = relations[0].slope if len(relations) > 1 else 0.0
+    if kinematic > 0.0 and abs(natural(kinematic)) < SAME and _far(relations) < 2 * NEAR:
         return None  # a car that is unlike the one at the start
-    return (
-        f"lateral acceleration is {kinematic:.3g} times speed × yaw rate, and yaw rate "
-        f"{turning:.3g} times what the steering gives: check units and signs by --signal"
-    )
+    slopes = (f"{one.one} is {one.slope:.3g} times {one.other}" for one in relations)
+    return f"{', and '.join(slopes)}: check units and signs by --signal"
 
 
-def _rolling(log: Log, model: Model) -> Iterator[str]:
-    """Yield the slips of the signals of roll, against the car at the start."""
+def _unlike(log: Log, model: Model) -> Iterator[str]:
+    """Yield the slips of signals that kinematics do not check, against the car at the start."""
     simulated = model.simulated(np.zeros(len(model.unknowns)))
     if simulated is None:
         raise CanrollError(f"{model.vehicle.name}: cannot be driven as in the log")
     compared, shifts = model.compared, range(-round(LAG / SAMPLE), round(LAG / SAMPLE) + 1)
     for i, name in enumerate(model.names):
-        if name in ("yaw_rate", "lateral_acceleration"):
+        if name in ("yaw_rate", "lateral_acceleration") and "yaw_rate" in model.names:
             continue
         there, measured = compared[:, i], model.measured[:, i]
         gains = [_gain(np.roll(measured, s)[there], simulated[there, i]) for s in shifts]
@@ -214,9 +259,8 @@ def _rolling(log: Log, model: Model) -> Iterator[str]:
         if abs(correlation) < RELATED:
             continue
         size = abs(gain)  # > 0, as they are correlated
-        units = {"rate": "deg/s rad/s", "angle": "deg rad", "length": "mm m"}
-        large, small = units[QUANTITIES[name].kind].split()
-        factor = 1e3 if large == "mm" else RADIAN
+        large, small, factor = UNITS[QUANTITIES[name].kind]
+        times = f"{factor:.0f}" if factor > 10.0 else f"{factor:.2g}"
         unit, words = "", []
         if correlation < 0.0:
             words.append(f"its sign is reversed (correlation {correlation:.2f} with the car's)")
@@ -224,10 +268,10 @@ def _rolling(log: Log, model: Model) -> Iterator[str]:
         units_away = natural(size) / natural(factor)
         if units_away > 0.5:
             unit = large
-            words.append(f"{factor:.0f} times too large")
+            words.append(f"{times} times too large")
         elif units_away < -0.5:
             unit = small
-            words.append(f"{factor:.0f} times too small")
+            words.append(f"{times} times too small")
         if words:
             option = option_of(log, name, unit, turned=correlation < 0.0)
             yield f"{QUANTITIES[name].label}: {', '.join(words)}: give {option}"

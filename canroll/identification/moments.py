@@ -41,6 +41,8 @@ STEP = 0.01
 """Interval (s) of moments that follow from commands."""
 DIFFERENT = 3.0
 """Deviations of their difference by which the lags of two axles are not one."""
+TURNING = ("lateral_acceleration", "yaw_rate")
+"""Signals of which each is > 0 in a left curve, where the body rolls to the right."""
 SHORTEST = 1.0
 """Time (s) with both moments of an axle that its actuator is fitted to, at least."""
 
@@ -282,10 +284,11 @@ def _through(
 
 def _outward(log: Log) -> Iterator[str]:
     """Yield which delivered moments push the body out of the curve, as control does not."""
-    lateral = log.channels["lateral_acceleration"]
+    turning = next((name for name in TURNING if name in log.channels), None)
     for name in DELIVERED:
-        if name not in log.channels:
+        if name not in log.channels or turning is None:
             continue
+        lateral = log.channels[turning]
         channel = log.channels[name]
         moment = _centred(channel.values)
         outward = _centred(np.interp(channel.times, lateral.times, lateral.values))
@@ -293,8 +296,8 @@ def _outward(log: Log) -> Iterator[str]:
         if size > 0.0 and (correlation := float(moment @ outward) / size) > RELATED:
             yield (
                 f"{QUANTITIES[name].label}: it rolls the body out of the curve (correlation "
-                f"{correlation:.2f} with the lateral acceleration): if its sign is reversed, give "
-                f"{option_of(log, name, '', turned=True)}"
+                f"{correlation:.2f} with the {QUANTITIES[turning].label}): if its sign is "
+                f"reversed, give {option_of(log, name, '', turned=True)}"
             )
 
 

@@ -57,7 +57,8 @@ def _of_stretch(stretch: Stretch) -> str:
         return SINE_WITH_DWELL
     if step_instants(stretch) is not None:
         return STEP_STEER
-    if _is_circle(stretch):
+    # its points are over v r
+    if "yaw_rate" in stretch.measured and _is_circle(stretch):
         return STEADY_CIRCLE
     if _is_sweep(stretch.steering[stretch.inside]):
         return SINE_SWEEP
@@ -66,7 +67,7 @@ def _of_stretch(stretch: Stretch) -> str:
 
 def _is_circle(stretch: Stretch) -> bool:
     """Slow, as ISO 4138 asks for of a continuous increase, and to one side."""
-    lateral = stretch.measured["lateral_acceleration"][stretch.inside]
+    lateral = stretch.lateral[stretch.inside]
     lateral = lateral[np.isfinite(lateral)]
     count = round(SMOOTH / SAMPLE)
     if len(lateral) < 2 * count:

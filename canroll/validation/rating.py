@@ -148,9 +148,7 @@ def rate_drive(drive: Drive, name: str) -> tuple[Rating | None, float]:
             count = run.stop - run.start
             parts = max(-(-count // round(LONGEST / SAMPLE)), 1)
             for part in np.array_split(np.arange(run.start, run.stop), parts):
-                if len(part) < SHORTEST / SAMPLE or not _steered(
-                    stretch.measured["lateral_acceleration"][part]
-                ):
+                if len(part) < SHORTEST / SAMPLE or not _steered(stretch.lateral[part]):
                     continue
                 measured, simulated = stretch.measured[name][part], stretch.simulated[name][part]
                 if not (np.ptp(measured) > 0.0 and np.ptp(simulated) > 0.0):

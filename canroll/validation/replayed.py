@@ -11,7 +11,12 @@ from scipy.signal import butter, sosfiltfilt
 from canroll.errors import CanrollError, VerdictError
 from canroll.identification import replay
 from canroll.identification.drive_log import OUTPUTS, QUANTITIES, Log
-from canroll.identification.log_checks import LEAST_ACCELERATION, check_steering, slips
+from canroll.identification.log_checks import (
+    LEAST_ACCELERATION,
+    check_steering,
+    excitation,
+    slips,
+)
 from canroll.identification.output_error import Model
 from canroll.identification.pieces import SAMPLE, Piece, Window, pieces
 from canroll.typing import Vector
@@ -44,6 +49,15 @@ class Stretch:
     measured: Mapping[str, Vector]
     simulated: Mapping[str, Vector]
     inside: NDArray[np.bool_]
+
+    @property
+    def lateral(self) -> Vector:
+        """Lateral acceleration (m/s²): as measured, else v r, else that of the simulated car."""
+        if "lateral_acceleration" in self.measured:
+            return self.measured["lateral_acceleration"]
+        if "yaw_rate" in self.measured:
+            return self.speed * self.measured["yaw_rate"]
+        return self.simulated["lateral_acceleration"]
 
     def compared(self, name: str) -> NDArray[np.bool_]:
         """Return which samples of a signal count."""
@@ -89,7 +103,13 @@ def replayed(
     """
     parts, remarks = pieces(log, window)
     model = Model(vehicle, parts, imu, window, ())
-    _excited(log, model)
+    # of a steady circle too, which has a mean alone
+    size = float(np.sqrt(np.mean(excitation(log, model) ** 2)))
+    if size < LEAST_ACCELERATION:
+        raise CanrollError(
+            f"{log.name}: lateral acceleration of {size:.2g} m/s² RMS says nothing of the car; "
+            f"{LEAST_ACCELERATION:g} are needed: choose another part by --from and --to"
+        )
     check_steering(log, model)
     stretches = []
     for part in parts:
@@ -107,20 +127,6 @@ def replayed(
         tuple(stretches),
         (*remarks, *slips(log, model)),
     )
-
-
-def _excited(log: Log, model: Model) -> None:
-    lateral = model.measured[:, model.names.index("lateral_acceleration")]
-    there = model.compared.all(axis=1)
-    if there.sum() * SAMPLE < 1.0:
-        raise CanrollError(f"{log.name}: less than 1 s that has all signals and counts")
-    # of a steady circle too, which has a mean alone
-    size = float(np.sqrt(np.mean(lateral[there] ** 2)))
-    if size < LEAST_ACCELERATION:
-        raise CanrollError(
-            f"{log.name}: lateral acceleration of {size:.2g} m/s² RMS says nothing of the car; "
-            f"{LEAST_ACCELERATION:g} are needed: choose another part by --from and --to"
-        )
 
 
 def _stretch(

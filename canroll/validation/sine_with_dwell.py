@@ -5,7 +5,7 @@ Peaks of yaw rate and lateral acceleration and their instants, what is left of t
 defines.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
 
@@ -36,18 +36,23 @@ def judge(drive: Drive, tolerances: Mapping[str, Tolerance]) -> Judged:
     for stretch in drive.stretches:
         instants = dwell_instants(stretch)
         if instants is not None:
-            return Judged(tuple(_criteria(stretch, instants, tolerances)))
+            names = {*drive.names} & {*_SIGNALS}
+            return Judged(tuple(_criteria(stretch, instants, names, tolerances)))
     raise CanrollError(
         f"{drive.log}: its steering is no sine of 0.7 Hz with a dwell: choose another --manoeuvre"
     )
 
 
 def _criteria(
-    stretch: Stretch, instants: Instants, tolerances: Mapping[str, Tolerance]
+    stretch: Stretch,
+    instants: Instants,
+    names: Collection[str],
+    tolerances: Mapping[str, Tolerance],
 ) -> Iterator[Criterion]:
     begin, end = instants.begin, instants.end
     side = float(np.sign(stretch.steering[begin]))
-    for name, (label, unit, factor) in _SIGNALS.items():
+    for name in (name for name in _SIGNALS if name in names):
+        label, unit, factor = _SIGNALS[name]
         measured, simulated = (
             _peaks(factor * side * signals[name], begin, end)
             for signals in (stretch.measured, stretch.simulated)
@@ -63,7 +68,7 @@ def _criteria(
                 "s",
                 tolerances["time"].of((at - begin) * SAMPLE),
             )
-    for delay in LEFT:
+    for delay in LEFT if "yaw_rate" in names else ():
         place = end + round(delay / SAMPLE)
         if place >= len(stretch.time):
             continue
@@ -74,6 +79,8 @@ def _criteria(
         allowed = tolerances["decay"].of(shares[0])
         label = f"yaw rate left after {delay:g} s"
         yield Criterion(label, float(shares[0]), float(shares[1]), "of peak", allowed)
+    if "lateral_acceleration" not in names:
+        return
     moved = [
         _displacement(side * signals["lateral_acceleration"], begin)
         for signals in (stretch.measured, stretch.simulated)

@@ -59,8 +59,13 @@ def judge(drive: Drive, tolerances: Mapping[str, Tolerance]) -> Judged:
     """Compare the steady states of a drive.
 
     Raises:
-        CanrollError: no steady state in the log.
+        CanrollError: no steady state in the log, or no yaw rate.
     """
+    if "yaw_rate" not in drive.names:
+        raise CanrollError(
+            f"{drive.log}: a steady circle is compared over speed × yaw rate, and it has no yaw "
+            "rate: choose another --manoeuvre"
+        )
     measured, simulated = _states(drive, simulated=False), _states(drive, simulated=True)
     if not measured.lateral.size or not simulated.lateral.size:
         raise CanrollError(

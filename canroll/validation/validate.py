@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError, UnknownNameError
-from canroll.identification.drive_log import OUTPUTS, Log
+from canroll.identification.drive_log import MOTION, OUTPUTS, Log
 from canroll.identification.moments import moments
 from canroll.identification.pieces import EVERYTHING, SAMPLE, Window
 from canroll.validation import sine_sweep, sine_with_dwell, steady_circle, step_steer
@@ -124,6 +124,13 @@ class Validation:
         return self.judged.passed and not any(match.failed for match in self.matches)
 
     @property
+    def unjudged(self) -> tuple[str, ...]:
+        """What of a car's motion the log does not have: roll is in its rate or its angle."""
+        names = self.drive.names
+        missing = (name for name in MOTION if name not in names)
+        return tuple(label(name) for name in missing if name.removesuffix("_rate") not in names)
+
+    @property
     def failures(self) -> tuple[str, ...]:
         """What is not good enough, in words."""
         figures = tuple(
@@ -150,6 +157,7 @@ class Validation:
             "seconds": self.seconds,
             "passed": self.passed,
             "failures": list(self.failures),
+            "not_judged": list(self.unjudged),
             "signals": [
                 asdict(match)
                 | {

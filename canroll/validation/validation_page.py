@@ -29,17 +29,25 @@ def headline(validations: Sequence[Validation]) -> str:
     """Return the answer in a line."""
     vehicle = validations[0].drive.vehicle.name
     failed = [one for one in validations if not one.passed]
+    unjudged = dict.fromkeys(text for one in validations for text in one.unjudged)
     if len(validations) == 1:
         (one,) = validations
         about = f"{one.seconds:.1f} s of {one.drive.log}, {WORDS[one.manoeuvre].partition(' (')[0]}"
+        if unjudged:
+            judged = " and ".join(label(name) for name in one.drive.names)
+            about += f", judged by {judged}, not by {' and '.join(unjudged)}"
         if one.passed:
             return f"{vehicle} moves as measured: {about}"
         return f"{vehicle} does not move as measured: {about}: {one.failures[0]}"
+    missed = "".join(
+        f"; {text} was not judged in {sum(text in one.unjudged for one in validations)}"
+        for text in unjudged
+    )
     if not failed:
-        return f"{vehicle} moves as measured in {len(validations)} logs"
+        return f"{vehicle} moves as measured in {len(validations)} logs{missed}"
     return (
         f"{vehicle} does not move as measured in {len(failed)} of {len(validations)} logs: "
-        f"{', '.join(one.drive.log for one in failed)}"
+        f"{', '.join(one.drive.log for one in failed)}{missed}"
     )
 
 

@@ -26,10 +26,14 @@ def case(seed=CARS[0]):
     return fit_truth.truth(seed, duration=5.0)
 
 
-def checked(tmp_path, car=CARS[0], **factors):
-    """Check the log with its columns times ``factors``."""
+def checked(tmp_path, car=CARS[0], missing=(), **factors):
+    """Check the log with its columns times ``factors``, without those ``missing``."""
     truth = case(car)
-    columns = {name: column * factors.get(name, 1.0) for name, column in truth.columns.items()}
+    columns = {
+        name: column * factors.get(name, 1.0)
+        for name, column in truth.columns.items()
+        if name not in missing
+    }
     path = tmp_path / "drive.csv"
     fit_truth.Truth(truth.start, {}, columns).write(path)
     log = read(str(path), {})
@@ -64,6 +68,59 @@ def test_a_log_without_slips_passes(tmp_path, car):
 def test_a_slip_is_named_with_its_remedy(tmp_path, car, column, factor, message):
     with pytest.raises(CanrollError, match=message):
         checked(tmp_path, car, **{column: factor})
+
+
+MISSING = [
+    ("roll_rate", "roll"),
+    ("lateral_acceleration",),
+    ("yaw_rate",),
+    ("yaw_rate", "lateral_acceleration"),
+    ("lateral_acceleration", "roll_rate", "roll"),
+    ("yaw_rate", "roll_rate", "roll"),
+]
+
+
+@pytest.mark.parametrize("car", CARS)
+@pytest.mark.parametrize("missing", MISSING)
+def test_what_a_log_has_is_checked(tmp_path, car, missing):
+    checked(tmp_path, car, missing)
+
+
+@pytest.mark.parametrize("missing", MISSING)
+def test_without_excitation_no_signals_are_enough(tmp_path, missing):
+    still = dict.fromkeys(case().columns, 0.02) | {"time": 1.0, "speed_m_s": 1.0}
+    with pytest.raises(CanrollError, match="no excitation: lateral acceleration of"):
+        checked(tmp_path, missing=missing, **still)
+
+
+@pytest.mark.parametrize(
+    ("missing", "column", "factor", "messages"),
+    [
+        (MISSING[0], "yaw_rate", -1.0, ["yaw rate: its sign is reversed"]),
+        (MISSING[0], "lateral_acceleration", 1 / 9.81, ["lateral acceleration: 9.8 times too"]),
+        # one relation alone cannot say which of its two signals it is
+        (MISSING[1], "yaw_rate", -1.0, ["signal yaw_rate=-yaw", "signal steering=-steering"]),
+        (
+            MISSING[1],
+            "yaw_rate",
+            57.3,
+            ["yaw rate: 57 times too large", "steering-wheel angle: 57"],
+        ),
+        (MISSING[2], "lateral_acceleration", 1 / 9.81, ["lateral acceleration: 9.8 times too"]),
+        (MISSING[3], "roll_rate", -1.0, ["roll rate: its sign is reversed"]),
+        (MISSING[4], "steering_wheel_rad", -1.0, ["signal steering=-steering"]),
+        (MISSING[5], "lateral_acceleration", -1.0, ["lateral_acceleration=-lateral"]),
+    ],
+)
+def test_a_slip_of_what_a_log_has_is_named(tmp_path, missing, column, factor, messages):
+    with pytest.raises(CanrollError) as caught:
+        checked(tmp_path, CARS[1], missing, **{column: factor})
+    assert all(text in str(caught.value) for text in messages), caught.value
+
+
+def test_a_log_with_nothing_to_compare_is_refused(tmp_path):
+    with pytest.raises(CanrollError, match="no yaw rate, no lateral acceleration, no roll rate"):
+        checked(tmp_path, missing=("yaw_rate", "lateral_acceleration", "roll_rate", "roll"))
 
 
 def test_a_log_without_excitation_is_refused(tmp_path):

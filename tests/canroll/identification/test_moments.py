@@ -10,7 +10,15 @@ import dbc
 import vehicles
 from canroll.cli.main import main
 from canroll.errors import CanrollError
-from canroll.identification.drive_log import DELIVERED, REQUIRED, Channel, Log, SignalChoice, read
+from canroll.identification.drive_log import (
+    DELIVERED,
+    MOTION,
+    REQUIRED,
+    Channel,
+    Log,
+    SignalChoice,
+    read,
+)
 from canroll.identification.fit import FitSettings, fit
 from canroll.identification.moments import moments
 from canroll.identification.pieces import EVERYTHING, Window, pieces
@@ -36,7 +44,7 @@ def lagged(lag, command=COMMAND, gain=1.0):
 
 def log_of(**values):
     """Return a log that drives straight, but for the signals given."""
-    signals = {name: np.zeros(TIME.size) for name in REQUIRED} | {
+    signals = {name: np.zeros(TIME.size) for name in (*REQUIRED, *MOTION)} | {
         "speed": np.full(TIME.size, 20.0),
         **values,
     }
@@ -201,7 +209,7 @@ def test_without_its_moments_a_controlled_car_seems_stiffer(tmp_path):
     assert abs(known.value - truth) < 1.96 * known.deviation
     assert result.vehicle.source("actuators.bars.lag").startswith("fitted ±")
     assert "actuators.bars.lag" in result.vehicle.fit.names
-    others = {n: c for n, c in log.channels.items() if n in (*REQUIRED, "roll")}
+    others = {n: c for n, c in log.channels.items() if n in (*REQUIRED, *MOTION, "roll")}
     assert not {*DELIVERED} & {*others}
     blind, _ = stiffness(replace(log, channels=others))
     assert blind.value - truth > 1.96 * blind.deviation

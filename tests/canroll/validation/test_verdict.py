@@ -16,6 +16,7 @@ from canroll.validation.measurement import NONE, Measurement, of_fit, zeroed
 from canroll.validation.replayed import replayed
 from canroll.validation.tolerances import TOLERANCES, with_choices
 from canroll.validation.validate import ValidationSettings, validate
+from canroll.validation.validation_page import headline
 from tests.support.measured_drives import driven, dwell, free, log_of, ramp, step, sweep
 
 SPEED = 22.0
@@ -174,6 +175,47 @@ def test_a_file_that_is_no_fit_is_refused(tmp_path, text):
     path.write_text(text)
     with pytest.raises(CanrollError, match=r"fit\.json"):
         of_fit(path)
+
+
+WITHOUT = [
+    ("roll_rate", "roll", "sideslip"),
+    ("lateral_acceleration", "roll_rate", "roll", "sideslip"),
+    ("yaw_rate", "roll_rate", "roll", "sideslip"),
+    ("yaw_rate", "lateral_acceleration"),
+]
+
+
+def without(manoeuvre, names):
+    return log_of({k: v for k, v in columns(manoeuvre).items() if k not in names})
+
+
+@pytest.mark.parametrize("manoeuvre", STEERINGS)
+@pytest.mark.parametrize("missing", WITHOUT)
+def test_a_car_is_judged_by_the_signals_that_are_there(manoeuvre, missing):
+    log = without(manoeuvre, missing)
+    result = validate(log, car(), ValidationSettings())
+    assert result.passed
+    assert {match.name for match in result.matches} == {*log.channels} - {"steering", "speed"}
+    assert not validate(log, softer(CORNERING[1]), ValidationSettings()).passed
+    assert "judged by" in headline([result])
+
+
+def test_the_verdict_says_that_roll_was_not_judged():
+    result = validate(without("free", WITHOUT[0]), car(), ValidationSettings())
+    assert result.unjudged == ("roll rate",)
+    assert headline([result]).endswith(
+        ", judged by yaw rate and lateral acceleration, not by roll rate"
+    )
+    assert result.to_json()["not_judged"] == ["roll rate"]
+    assert "roll rate was not judged" in headline([result, result])
+    # the roll angle tells of roll too
+    assert validate(without("free", ("roll_rate",)), car(), ValidationSettings()).unjudged == ()
+
+
+def test_a_circle_needs_the_yaw_rate():
+    log = without("steady_circle", ("yaw_rate",))
+    with pytest.raises(CanrollError, match="it has no yaw rate"):
+        validate(log, car(), ValidationSettings(manoeuvre="steady_circle"))
 
 
 def test_a_log_without_motion_is_refused():
