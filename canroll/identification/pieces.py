@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from math import degrees, inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +12,15 @@ from canroll.errors import CanrollError
 from canroll.identification.drive_log import (
     DELIVERED,
     INPUTS,
+    MOTION,
     OUTPUTS,
     QUANTITIES,
     Log,
 )
 from canroll.identification.smoothing import EXACT, Noise, smoothed
 from canroll.typing import Vector
+from plant_sim.bodies.ports import WHEELS
+from vehicles import GRAVITY
 
 SAMPLE = 0.01
 """Interval of the time base (s): the car does nothing above 20 Hz."""
@@ -31,7 +35,30 @@ GAP = 0.15
 OUTLIER = 12.0
 """Distance from the median of five neighbours, in usual ones, beyond which a sample is none.
 
-It must also exceed the standard deviation of the whole signal: noise grows with the speed.
+It must also be more than any car moves between the two: :data:`FASTEST`.
+"""
+GRIP = 2.5 * GRAVITY
+"""Lateral acceleration (m/s²) of racing slicks, as the largest friction of a vehicle file."""
+FASTEST = {
+    "steering": 40.0,  # rad/s: twice a steering robot's 1200 °/s
+    "speed": 2.0 * GRIP,  # m/s²: braking with as much downforce as weight
+    "yaw_rate": 4.0 * GRIP / 2.5,  # rad/s²: both axles at their grip, m a b of yaw inertia, l 2.5 m
+    "roll_rate": 0.7 * GRIP / 0.5**2,  # rad/s²: its moment at 0.7 m, radius of gyration 0.5 m
+    "roll": 4.0,  # rad/s: a car that falls on its side
+    "sideslip": GRIP / SLOWEST + 2.0,  # rad/s: a_y/v − r
+    **{f"travel_{wheel}": 5.0 for wheel in WHEELS},  # m/s: over a kerb
+}
+"""Largest change of a signal per second: samples farther from their neighbours are outliers.
+
+Tyre forces build up in a sample's time, and so do moments: a lateral acceleration changes by twice
+:data:`GRIP` at most, a moment by any amount.
+"""
+NAMED = 3
+"""So many instants of outliers are named."""
+SLOW, TURNED = 1.0 / 25.0, 0.2
+"""Interval of samples (s), and share of its range by which steering then turns between two at most.
+
+Of a sine that is π f dt: interpolation errs by (2π f dt)²/8 of the amplitude, 2 % there.
 """
 
 SAME_TIME = 1e-9
@@ -113,6 +140,10 @@ def pieces(log: Log, window: Window) -> tuple[tuple[Piece, ...], tuple[str, ...]
     acting = tuple(name for name in DELIVERED if name in log.channels)
     clean = {name: _cleaned(log, name) for name in (*INPUTS, *acting, *names)}
     remarks = [*log.remarks]
+    for name in MOTION:
+        if name not in names:
+            label = QUANTITIES[name].label
+            remarks.append(f"no {label} in the log (else name it: --signal {name}=NAME)")
     for channel in clean.values():
         remarks += channel.remarks
     first = max(channel.times[0] for channel in clean.values())
@@ -162,14 +193,26 @@ def _cleaned(log: Log, name: str) -> _Clean:
     if len(times) < 2:
         raise CanrollError(f"{log.name}: {channel.source}: its times do not increase")
     usual = float(np.median(np.diff(times)))
-    far = _outliers(values)
+    far = _outliers(name, times, values)
     if far.any():
-        remarks.append(f"{label}: {np.sum(far)} outliers left out")
+        remarks.append(
+            f"{label}: {_counted(far.sum(), 'outlier')} left out, which no car can do: at "
+            f"{_listed(times[far])} s"
+        )
         times, values = times[~far], values[~far]
     gaps = np.diff(times) > max(GAP, 2.5 * usual)
     if gaps.sum() > len(resets):
         longest = float(np.diff(times).max())
-        remarks.append(f"{label}: {gaps.sum() - len(resets)} gaps, the longest of {longest:.2f} s")
+        count = _counted(gaps.sum() - len(resets), "gap")
+        remarks.append(f"{label}: {count}, the longest of {longest:.2f} s")
+    if name == "steering" and usual > SLOW:
+        turned = np.abs(np.diff(values)).max() / max(np.ptp(values), 1e-12)
+        if turned > TURNED:
+            rate = degrees(np.abs(np.diff(values) / np.diff(times)).max())
+            remarks.append(
+                f"{label}: {1 / usual:.3g} samples a second are too few for {rate:.0f} °/s: it "
+                f"turns by {100 * turned:.0f} % of its range between two: log at 25 Hz or more"
+            )
     block = max(int(SAMPLE / usual + 0.5), 1)
     if block > 1:  # a mean over a sample instead of picking one: noise above is no signal
         count = len(times) // block * block
@@ -178,15 +221,31 @@ def _cleaned(log: Log, name: str) -> _Clean:
     return _Clean(times, values, tuple(resets), tuple(remarks))
 
 
-def _outliers(values: Vector) -> NDArray[np.bool_]:
-    """Return which samples are far from both neighbours, as nothing that moves can be."""
-    if len(values) < 5:
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}" + ("s" if count > 1 else "")
+
+
+def _listed(times: Vector) -> str:
+    """Return the first times (s)."""
+    return ", ".join(f"{time:.2f}" for time in times[:NAMED]) + (
+        ", …" if len(times) > NAMED else ""
+    )
+
+
+def _outliers(name: str, times: Vector, values: Vector) -> NDArray[np.bool_]:
+    """Return which samples are so far from their neighbours as no car moves in the time between."""
+    if len(values) < 5 or name in DELIVERED:
         return np.zeros(len(values), bool)
-    padded = np.pad(values, 2, mode="edge")
-    around = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
-    away = np.abs(values - around)
+    around, between = (
+        np.lib.stride_tricks.sliding_window_view(np.pad(each, 2, mode="edge"), 5)
+        for each in (values, times)
+    )
+    away = np.abs(values - np.median(around, axis=1))
     scale = 1.4826 * np.median(away[away > 0]) if np.any(away > 0) else 0.0
-    return np.asarray(away > max(OUTLIER * scale, float(np.std(values)), 1e-12))
+    moved = FASTEST.get(name, inf) * np.abs(between - times[:, None]).max(axis=1)
+    if name == "lateral_acceleration":
+        moved = np.full(len(values), 2.0 * GRIP)
+    return np.asarray(away > np.maximum(OUTLIER * scale, moved))
 
 
 def _stretches(clean: dict[str, _Clean], begin: float, end: float) -> Iterator[tuple[float, float]]:

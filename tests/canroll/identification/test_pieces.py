@@ -4,16 +4,17 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
-from canroll.identification.drive_log import REQUIRED, Channel, Log, SignalChoice
+from canroll.identification.drive_log import MOTION, REQUIRED, Channel, Log, SignalChoice
 from canroll.identification.pieces import RUN_IN, Window, pieces
 
 TIME = 0.01 * np.arange(1000)
+USUAL = (*REQUIRED, *MOTION)
 
 
 def log_of(time=TIME, **channels):
     """A log with sines of 0.5 Hz in all signals but the speed of 20 m/s."""
     wave = np.sin(np.pi * TIME)
-    values = {name: wave for name in REQUIRED} | {"speed": np.full(TIME.size, 20.0)} | channels
+    values = {name: wave for name in USUAL} | {"speed": np.full(TIME.size, 20.0)} | channels
     return Log(
         "drive.csv", {name: Channel(SignalChoice(name), time, v) for name, v in values.items()}
     )
@@ -30,7 +31,7 @@ def test_a_whole_log_is_one_piece_whose_first_second_does_not_count():
 def test_a_gap_cuts_the_log():
     kept = (TIME < 4.0) | (TIME > 4.5)
     wave = np.sin(np.pi * TIME)[kept]
-    values = {name: wave for name in REQUIRED} | {"speed": np.full(wave.size, 20.0)}
+    values = {name: wave for name in USUAL} | {"speed": np.full(wave.size, 20.0)}
     log = Log(
         "drive.csv",
         {name: Channel(SignalChoice(name), TIME[kept], v) for name, v in values.items()},
@@ -40,7 +41,7 @@ def test_a_gap_cuts_the_log():
         (0.0, 3.99),
         (pytest.approx(4.51), pytest.approx(9.99)),
     ]
-    assert "yaw rate: 1 gaps, the longest of 0.52 s" in remarks
+    assert "yaw rate: 1 gap, the longest of 0.52 s" in remarks
 
 
 def test_a_clock_that_is_set_back_cuts_the_log():
@@ -56,12 +57,55 @@ def test_stamps_that_repeat_are_left_out():
     assert np.isfinite(piece.measured).all()
 
 
-def test_outliers_are_left_out():
+def test_outliers_are_left_out_and_named():
     spoilt = np.sin(np.pi * TIME)
     spoilt[[300, 500]] = 40.0, -40.0
     (piece,), remarks = pieces(log_of(roll_rate=spoilt), Window())
-    assert "roll rate: 2 outliers left out" in remarks
+    (line,) = remarks
+    assert line.startswith("roll rate: 2 outliers left out, which no car can do: at 3.00, 5.00 s")
     assert np.nanmax(np.abs(piece.measured)) < 1.01
+
+
+def slowly(rate, **channels):
+    """A log of straight driving, at ``rate`` (Hz), but for the signals given over time."""
+    time = np.arange(round(20.0 * rate)) / rate
+    values = {name: np.zeros(time.size) for name in USUAL} | {"speed": np.full(time.size, 20.0)}
+    values |= {name: signal(time) for name, signal in channels.items()}
+    return Log(
+        "drive.csv", {name: Channel(SignalChoice(name), time, v) for name, v in values.items()}
+    )
+
+
+@pytest.mark.parametrize("rate", [10.0, 25.0, 100.0])
+def test_the_peaks_of_a_hard_manoeuvre_are_no_outliers(rate):
+    """Half a second each of a fishhook's roll rate, yaw rate and steering, after quiet driving."""
+
+    def peak(size):
+        return lambda t: size * np.exp(-(((t - 10.0) / 0.12) ** 2)) + 1e-4 * np.sin(0.7 * t)
+
+    log = slowly(rate, steering=peak(4.7), yaw_rate=peak(0.8), roll_rate=peak(0.9))
+    (piece,), remarks = pieces(log, Window())
+    assert not any("outlier" in text for text in remarks)
+    shown = np.nanmax(piece.measured, axis=0)
+    assert shown[[0, 2]] == pytest.approx([0.8, 0.9], abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("rate", "frequency", "warned"),
+    [(10.0, 1.0, True), (10.0, 0.3, False), (20.0, 1.5, True), (50.0, 1.5, False)],
+)
+def test_a_log_too_slow_for_its_steering_is_warned_of(rate, frequency, warned):
+    log = slowly(rate, steering=lambda t: 2.0 * np.sin(2 * np.pi * frequency * t))
+    _, remarks = pieces(log, Window())
+    assert any("samples a second are too few" in text for text in remarks) == warned
+
+
+def test_signals_that_are_not_in_the_log_are_named():
+    log = log_of()
+    channels = {name: one for name, one in log.channels.items() if name != "roll_rate"}
+    (piece,), (remark,) = pieces(Log(log.name, channels), Window())
+    assert piece.names == ("yaw_rate", "lateral_acceleration")
+    assert remark.startswith("no roll rate in the log")
 
 
 def test_standstill_is_left_out():
@@ -83,7 +127,7 @@ def test_too_little_is_refused():
 def test_fast_signals_are_means_over_a_sample():
     time = 0.001 * np.arange(10000)
     noise = np.random.default_rng(1).standard_normal(time.size)
-    values = {name: noise for name in REQUIRED} | {"speed": np.full(time.size, 20.0)}
+    values = {name: noise for name in USUAL} | {"speed": np.full(time.size, 20.0)}
     log = Log(
         "drive.csv", {name: Channel(SignalChoice(name), time, v) for name, v in values.items()}
     )
@@ -96,7 +140,7 @@ def sampled(interval, shift, lost=()):
     generator = np.random.default_rng(2)
     time = shift + interval * np.arange(round(20.0 / interval))
     kept = np.delete(np.arange(time.size), np.array(lost, int))
-    signals = {name: (0.01 * np.arange(2000), np.zeros(2000)) for name in REQUIRED} | {
+    signals = {name: (0.01 * np.arange(2000), np.zeros(2000)) for name in USUAL} | {
         "steering": (time, 0.5 * np.sin(np.pi * time)),
         "speed": (time, 22.0 + 1.5 * np.sin(0.4 * time)),
     }
