@@ -22,6 +22,7 @@ from canroll.identification.fit_page import (
     fitted_table,
     left_line,
     measurement_line,
+    not_of_log,
     summary,
 )
 from canroll.identification.pieces import Window
@@ -96,12 +97,11 @@ def _show(result: Fit) -> None:
         terminal.show_table(actuator_table(result))
         print("\n".join(actuator_lines(result)))
     print(measurement_line(result))
-    kept = [n.unknown.label for n in result.of_state("kept") if not n.unknown.of_log]
-    if kept:
-        print(f"not identifiable from the log, as before: {', '.join(kept)}")
+    if kept := not_of_log(result):
+        print(f"from the vehicle file, not from the log: {', '.join(kept)}")
     if result.pairs:
         pairs = [f"{first} with {second} ({r:+.2f})" for first, second, r in result.pairs]
-        print(f"identifiable only together: {', '.join(pairs)}")
+        print(f"strongly correlated: {', '.join(pairs)}")
     print(left_line(result))
 
 

@@ -49,16 +49,21 @@ def agreement(
     inside = difference[compared]
     variance = float(np.var(there))
     explained = 1.0 - float(np.var(inside)) / variance if variance > 0 else float("nan")
-    own = _correlations(difference, difference, compared)
-    outside = np.abs(own[1:]) > NORMAL / np.sqrt(max(compared.sum(), 1))
-    # chance has 1 in 100 outside; of a hundred lags three are hardly chance
-    white = bool(outside.sum() <= max(0.03 * outside.size, 1))
+    own, white = autocorrelation(difference, compared)
     below = np.flatnonzero(np.abs(own) < np.exp(-1.0))
     time = 0.0 if white else SAMPLE * float(below[0] if below.size else own.size)
     rms = float(np.sqrt(np.mean(inside**2)))
     return Agreement(
         name, explained, rms, time, white, _driven(difference, steering, compared, own)
     )
+
+
+def autocorrelation(errors: Vector, compared: NDArray[np.bool_]) -> tuple[Vector, bool]:
+    """Return the correlations of residuals (n,) at lags from 0 on, and whether they are white."""
+    own = _correlations(errors, errors, compared)
+    outside = np.abs(own[1:]) > NORMAL / np.sqrt(max(compared.sum(), 1))
+    # chance has 1 in 100 outside, and more than 4 of a hundred once in 300 signals
+    return own, bool(outside.sum() <= max(0.04 * outside.size, 1))
 
 
 def _correlations(a: Vector, b: Vector, compared: NDArray[np.bool_]) -> Vector:

@@ -8,6 +8,7 @@ error estimates with coloured residuals).
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.identification.agreement import autocorrelation
 from canroll.identification.pieces import SAMPLE
 from canroll.typing import Vector
 
@@ -44,6 +45,29 @@ def correlation_times(errors: NDArray[np.float64], compared: NDArray[np.bool_]) 
     middle = len(tapered) // 2
     variance = np.maximum(tapered[middle], 1e-300)
     return np.asarray(np.maximum(tapered.sum(axis=0) / variance, 1.0))
+
+
+def misfit_covariance(
+    weighted: NDArray[np.float64], errors: NDArray[np.float64], compared: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Return what a misfit m of the model in the residuals adds to the covariance of the scores.
+
+    Unlike noise it comes with the manoeuvre and does not average out: of Σ weightedᵀ m no more is
+    known than the bound of Cauchy and Schwarz, |weighted| |m|, in every direction. The misfit is
+    what residuals that are not white have in common from a sample to the next, as noise has not.
+
+    Args:
+        weighted: derivatives over the squared scale, (n, m, p), 0 where nothing is compared.
+        errors: residuals (n, m).
+        compared: which count.
+    """
+    result = np.zeros((weighted.shape[2],) * 2)
+    for signal, of_signal in enumerate(errors.T):
+        own, white = autocorrelation(of_signal, compared[:, signal])
+        if not white:
+            squares = max(own[1], 0.0) * float(of_signal @ of_signal)
+            result += squares * weighted[:, signal].T @ weighted[:, signal]
+    return result
 
 
 def score_covariance(

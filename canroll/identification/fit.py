@@ -16,7 +16,7 @@ from canroll.errors import CanrollError
 from canroll.identification import unknowns
 from canroll.identification.actuator_fit import Actuator
 from canroll.identification.agreement import Agreement, agreement
-from canroll.identification.drive_log import Log
+from canroll.identification.drive_log import QUANTITIES, Log
 from canroll.identification.information import (
     Information,
     felt,
@@ -124,6 +124,11 @@ class Fit:
     remarks: tuple[str, ...]
     actuators: tuple[Actuator, ...] = ()
 
+    @property
+    def coloured(self) -> tuple[str, ...]:
+        """Labels of the signals whose residuals are no noise: another car would leave less."""
+        return tuple(QUANTITIES[one.name].label for one in self.agreements if not one.white)
+
     def of_state(self, state: str) -> tuple[FittedNumber, ...]:
         """Return the numbers of a state."""
         return tuple(number for number in self.numbers if number.state == state)
@@ -134,6 +139,7 @@ class Fit:
             "log": self.log,
             "vehicle": self.start.reference,
             "seconds": self.seconds,
+            "trusted": not self.coloured,
             "agreement": [asdict(one) for one in self.agreements],
             "prediction": [asdict(one) for one in self.predictions],
             "numbers": [number.to_json() for number in self.numbers],
@@ -184,7 +190,7 @@ def fit(
     def report() -> None:
         nonlocal rounds
         rounds += 1
-        progress("steps of the search", rounds / (rounds + 10))
+        progress("searching", rounds / (rounds + 10))
 
     with engine(LOCAL, settings.jobs) as where:
         simulator = Simulator(model, where, report)
@@ -197,7 +203,7 @@ def fit(
             )
         point = replace(point, x=_held(model, point.x, identifiable))
         point = search(simulator, point, identifiable)
-        progress("steps of the search", 1.0)
+        progress("searching", 1.0)
         content = information(simulator, point, partial(progress, "drives with other inputs"))
     covariance = content.covariance(identifiable)
     numbers = numbers_at(sought, point.x, covariance, identifiable)
@@ -273,9 +279,8 @@ def _strange(numbers: tuple[FittedNumber, ...]) -> list[str]:
                 f"{unknown.label}: {number.value:.3g} {unknown.unit} is {abs(away):.1f} deviations "
                 f"of the prior from {unknown.mean:.3g}: check its source, or the log's units"
             )
-        near = min(number.value - unknown.least, unknown.most - number.value)
-        if near < 1e-3 * (unknown.most - unknown.least) and number.state != "kept":
-            remarks.append(f"{unknown.label}: it stands at its bound, {number.value:.3g}")
+        if number.state == "bound":
+            remarks.append(f"{unknown.label}: at its bound, {number.value:.3g}: not fitted")
     return remarks
 
 
@@ -296,8 +301,9 @@ def _searched(minima: tuple[float, ...], agreements: tuple[Agreement, ...]) -> I
     other = _worse(minima)
     if _doubtful(minima, white=all(one.white for one in agreements)):
         yield (
-            "the fit did not converge to the noise: what is left over is correlated, and only one "
-            f"of {len(minima)} searches ended in the best minimum: give --starts {len(minima)}"
+            "the fit did not converge to the noise: the residuals are correlated, and only one of "
+            f"{len(minima)} searches ended in the best minimum, which may be none of the car's: "
+            f"give --starts {len(minima)}"
         )
     elif other:
         yield f"{other} of {len(minima)} searches ended in a worse minimum: the best is taken"
@@ -381,13 +387,14 @@ def fitted(
         if number.unknown.least > 0.0:
             spread = f"±{100 * number.deviation / number.value:.2g} %"
         key = f"{key}.imu_position" if place else key
-        condition = "" if number.state == "identified" else " (only together with others)"
+        condition = " (only in combination)" if number.state == "together" else ""
+        word = "at its bound" if number.state == "bound" else "fitted"
         spreads.setdefault(key, []).append(
-            f"{spread}{condition}, {number.unknown.mean:.4g} before"
+            f"{word} {spread}{condition}, {number.unknown.mean:.4g} before"
             + (f" [{place}]" if place else "")
         )
     for key, texts in spreads.items():
-        sources[key] = f"fitted {'; '.join(texts)}; on {log}"
+        sources[key] = f"{'; '.join(texts)}; on {log}"
     for key, before in (
         ("suspension.spring_rate_front", vehicle.suspension.spring_rate_front),
         ("suspension.spring_rate_rear", vehicle.suspension.spring_rate_rear),

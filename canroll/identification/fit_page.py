@@ -7,13 +7,12 @@ import numpy as np
 from canroll.identification.agreement import Agreement
 from canroll.identification.drive_log import QUANTITIES
 from canroll.identification.fit import Fit
-from canroll.identification.unknowns import FittedNumber, delay_key, offset_key
+from canroll.identification.unknowns import STATES, FittedNumber, delay_key, offset_key
 from canroll.report.figure import DASHED, Figure, Series
 from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
 
 SHOWN = {"rad": ("°", np.degrees(1.0)), "rad/s": ("°/s", np.degrees(1.0)), "s": ("ms", 1e3)}
 """Units of sensors as people read them, and their factors."""
-STATES = {"identified": "", "together": "with others only", "kept": "as before"}
 
 
 def _explained(agreements: tuple[Agreement, ...]) -> str:
@@ -24,12 +23,20 @@ def _explained(agreements: tuple[Agreement, ...]) -> str:
 
 def summary(fit: Fit) -> str:
     """Return the answer in a line."""
-    of_car = [number for number in fit.numbers if not number.unknown.of_log]
-    count = sum(number.state == "identified" for number in of_car)
+    states = [number.state for number in fit.numbers if not number.unknown.of_log]
+    bound = f", {states.count('bound')} at its bound" if "bound" in states else ""
+    doubt = ""
+    if fit.coloured:
+        doubt = f"parameters not to be trusted (residuals no noise: {', '.join(fit.coloured)}); "
     return (
-        f"{fit.start.name} fitted to {fit.seconds:.1f} s of {fit.log}: {count} of {len(of_car)} "
-        "numbers identified"
+        f"{fit.start.name} fitted to {fit.seconds:.1f} s of {fit.log}: {doubt}"
+        f"{states.count('identified')} of {len(states)} parameters identified{bound}"
     )
+
+
+def not_of_log(fit: Fit) -> tuple[str, ...]:
+    """Return the labels of the vehicle's numbers of which the log says nothing."""
+    return tuple(n.unknown.label for n in fit.of_state("kept") if not n.unknown.of_log)
 
 
 def explained_lines(fit: Fit) -> Iterator[str]:
@@ -49,10 +56,8 @@ def left_line(fit: Fit) -> str:
     driven = [QUANTITIES[one.name].label for one in fit.agreements if one.driven > 1.0]
     text = f"correlated over {', '.join(coloured)}" if coloured else "white noise"
     if driven:
-        return (
-            f"left over: {text}; the model misses of the steering's effect on {', '.join(driven)}"
-        )
-    return f"left over: {text}; independent of the steering before"
+        return f"residuals: {text}; the model lacks an effect of steering on {', '.join(driven)}"
+    return f"residuals: {text}; uncorrelated with earlier steering"
 
 
 def rounded(value: float, deviation: float) -> str:
@@ -68,7 +73,7 @@ def _with_spread(value: float, deviation: float) -> str:
     return f"{rounded(value, deviation)} ± {rounded(deviation, deviation)}"
 
 
-HEAD = ("number", "fitted", "before", "unit", "")
+HEAD = ("parameter", "fitted", "before", "unit", "")
 
 
 def fitted_table(fit: Fit) -> PageTable:
@@ -107,7 +112,7 @@ def actuator_lines(fit: Fit) -> Iterator[str]:
     """Yield how much of each delivered moment its actuator explains, and what goes together."""
     for one in fit.actuators:
         pairs = [f"{first} with {second} ({r:+.2f})" for first, second, r in one.pairs]
-        text = f"; identifiable only together: {', '.join(pairs)}" if pairs else ""
+        text = f"; strongly correlated: {', '.join(pairs)}" if pairs else ""
         yield (
             f"actuator {one.axle}: explains {100 * one.explained:.2f} % of its moment's variance"
             f"{text}"
@@ -129,7 +134,7 @@ def measurement_line(fit: Fit) -> str:
     offsets = ("log.steering_offset", *(offset_key(name) for name in names))
     delays = tuple(delay_key(name) for name in names)
     return (
-        f"offsets: {', '.join(_of_log(fit, offsets)) or 'none identified'}; stamped later than the "
+        f"offsets: {', '.join(_of_log(fit, offsets)) or 'none identified'}; delay behind the "
         f"steering: {', '.join(_of_log(fit, delays)) or 'none identified'}"
     )
 
@@ -148,7 +153,7 @@ def _agreement_table(title: str, agreements: tuple[Agreement, ...]) -> PageTable
                 "independent" if one.driven <= 1.0 else "depends on it",
             )
         )
-    head = ("signal", "variance explained (%)", "RMS left", "", "what is left", "and the steering")
+    head = ("signal", "variance explained (%)", "RMS residual", "", "residual", "and the steering")
     return PageTable(title, head, rows)
 
 
@@ -183,17 +188,21 @@ def fit_page(fit: Fit) -> str:
     if fit.actuators:
         tables.insert(1, actuator_table(fit))
     if kept:
-        tables.append(PageTable("Not identifiable from the log", HEAD, [_row(n) for n in kept]))
+        tables.append(
+            PageTable("From the vehicle file, not from the log", HEAD, [_row(n) for n in kept])
+        )
     if fit.pairs:
         rows = [(a, b, Cell(f"{c:.3f}".replace("-", "−"), c)) for a, b, c in fit.pairs]
-        tables.append(
-            PageTable("Identifiable only together", ("number", "and", "correlation"), rows)
-        )
+        tables.append(PageTable("Strongly correlated", ("parameter", "and", "correlation"), rows))
     return render(
         Page(
             title="Fitted vehicle",
             subtitle=f"{fit.start.title}, {fit.log}",
-            verdict=PageVerdict(None, "Fitted", "; ".join((summary(fit), *explained_lines(fit)))),
+            verdict=PageVerdict(
+                None,
+                "Not to be trusted" if fit.coloured else "Fitted",
+                "; ".join((summary(fit), *explained_lines(fit))),
+            ),
             warnings=fit.remarks,
             tables=tables,
             figures=_figures(fit),

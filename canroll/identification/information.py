@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.identification.colour import score_covariance
+from canroll.identification.colour import misfit_covariance, score_covariance
 from canroll.identification.input_noise import input_scores
 from canroll.identification.output_error import Point, Simulator
 from canroll.identification.unknowns import FittedNumber, Unknown
@@ -18,6 +18,8 @@ from canroll.typing import Vector
 IDENTIFIED = 0.5
 """Share of its prior variance that an unknown told by a log keeps at most: of one with more the log
 says less than was known before."""
+AT = 1e-3
+"""Distance from a bound, share of the range, within which a number stands at it."""
 TINY = 1e-12
 """Share of the whole information that a direction without any is given, to be divided by."""
 TOGETHER = 0.9
@@ -31,11 +33,13 @@ class Information:
     Attributes:
         fisher: of the signals alone (p, p): JᵀW J.
         scores: covariance (p, p) of JᵀW times the noise, as coloured as the residuals are.
+        misfit: of JᵀW times the misfit of the model; None without any.
         of_inputs: whether the noise of the inputs is in it: not, where none could be driven.
     """
 
     fisher: NDArray[np.float64]
     scores: NDArray[np.float64]
+    misfit: NDArray[np.float64] | None = None
     of_inputs: bool = True
 
     @property
@@ -48,13 +52,18 @@ class Information:
 
         Those held are as uncertain as before, and make the fitted ones uncertain: Bierman,
         Factorization Methods for Discrete Sequential Estimation, VIII ("consider" parameters).
+        A misfit makes them at most as uncertain as before.
         """
         size = len(self.fisher)
         inverse = np.linalg.inv(self.fisher[np.ix_(free, free)] + np.eye(int(free.sum())))
         noise = self.scores[np.ix_(free, free)] + np.eye(int(free.sum()))
         through = -inverse @ self.fisher[np.ix_(free, ~free)]
+        own = inverse @ noise @ inverse
+        if self.misfit is not None and self.misfit.any():
+            sizes, axes = np.linalg.eigh(own + inverse @ self.misfit[np.ix_(free, free)] @ inverse)
+            own = at_least((axes * np.minimum(sizes, 1.0)) @ axes.T, own)
         result = np.eye(size)
-        result[np.ix_(free, free)] = inverse @ noise @ inverse + through @ through.T
+        result[np.ix_(free, free)] = own + through @ through.T
         result[np.ix_(free, ~free)] = through
         result[np.ix_(~free, free)] = through.T
         return result
@@ -102,7 +111,10 @@ def information(
     share = np.maximum(1.0 - effect.variances * compared.sum(axis=0) / squares, 0.0)
     white = _products(scaled * np.sqrt(share)[:, None])
     scores = at_least(scores, white + effect.covariance)
-    return Information(fisher_at(simulator, point), scores, of_inputs=effect.drives > 0)
+    misfit = misfit_covariance(weighted, errors, compared)
+    return Information(
+        fisher_at(simulator, point), scores, misfit=misfit, of_inputs=effect.drives > 0
+    )
 
 
 def _products(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -136,6 +148,8 @@ def numbers_at(
     for i, unknown in enumerate(sought):
         state = "identified" if covariance[i, i] < IDENTIFIED else "together"
         value = unknown.value(float(x[i]))
+        if min(value - unknown.least, unknown.most - value) < AT * (unknown.most - unknown.least):
+            state = "bound"
         deviation = unknown.slope(value) * float(np.sqrt(covariance[i, i]))
         numbers.append(FittedNumber(unknown, value, deviation, state if free[i] else "kept"))
     return tuple(numbers)

@@ -61,12 +61,22 @@ class Unknown:
         return self.key.startswith(f"{LOG}.")
 
 
+STATES = {
+    "identified": "",
+    "together": "only in combination",
+    "bound": "at its bound",
+    "kept": "not from the log",
+}
+"""States of fitted numbers, and what people call them."""
+
+
 @dataclass(frozen=True, slots=True)
 class FittedNumber:
     """A fitted number and its standard deviation, in the unit of its unknown.
 
     ``state``: "identified"; identified only "together" with others, where the log says less of the
-    number than was known before; or "kept" at its prior, of which the log says nothing.
+    number than was known before; at its "bound", which is no fit; or "kept" at its prior, of which
+    the log says nothing.
     """
 
     unknown: Unknown

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from canroll.errors import writing
-from canroll.identification.fit_page import STATES, rounded
+from canroll.identification.fit_page import rounded
+from canroll.identification.unknowns import STATES
 from canroll.report.page import Cell, PageTable
 from canroll.tyres.measured import MeasuredTyre, levels
 from canroll.tyres.tyre_fit import SAME_ANGLE, TyreFit, lateral_forces

@@ -36,7 +36,7 @@ SPUN = 0.2
 """Sideslip (rad) beyond which a car is lost."""
 VAN = {"mass": 2720.0, "wheelbase": 3.66, "track": 1.735, "height": 2.5}
 COVERED = 1.96
-STATES = ("identified", "together", "kept")
+STATES = tuple(unknowns.STATES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,8 +235,11 @@ def outcome_of(
 
 def table(outcomes: list[Outcome]) -> Iterator[str]:
     """Lines of the table, and in how many of the logs' covariances the truth is no surprise."""
-    yield "| number | identified | with others | kept | within 95 % | deviation over the least |"
-    yield "| --- | ---: | ---: | ---: | ---: | ---: |"
+    yield (
+        "| number | identified | with others | at bound | kept | within 95 % "
+        "| deviation over the least |"
+    )
+    yield "| --- | ---: | ---: | ---: | ---: | ---: | ---: |"
     inside: list[bool] = []
     identified: list[bool] = []
     for number in zip(*(one.rows for one in outcomes), strict=True):
@@ -247,8 +250,8 @@ def table(outcomes: list[Outcome]) -> Iterator[str]:
         wide = np.median([row.deviation / row.least for row in number])
         counts = " | ".join(map(str, states))
         yield f"| `{number[0].key}` | {counts} | {np.mean(good):.0%} | {wide:.2f} |"
-    yield f"| all {len(inside)} | | | | {np.mean(inside):.1%} | |"
-    yield f"| identified {len(identified)} | | | | {np.mean(identified):.1%} | |"
+    yield f"| all {len(inside)} | | | | | {np.mean(inside):.1%} | |"
+    yield f"| identified {len(identified)} | | | | | {np.mean(identified):.1%} | |"
     distances = sorted(one.distance for one in outcomes)
     yield ""
     yield f"mean square error in the covariance: {', '.join(f'{d:.2f}' for d in distances)}"

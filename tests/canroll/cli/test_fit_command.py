@@ -39,7 +39,9 @@ def test_it_writes_a_vehicle_its_covariance_and_a_page(drive, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(options(folder, "--out", str(out))) == 0
     printed = capsys.readouterr().out
-    assert printed.startswith("van_real fitted to 3.0 s of drive.csv: 2 of 2 numbers identified\n")
+    assert printed.startswith(
+        "van_real fitted to 3.0 s of drive.csv: 2 of 2 parameters identified\n"
+    )
     assert len(printed.splitlines()) <= 25
     car = vehicles.load(out / "van_real.toml")
     true = case.numbers["tyre.cornering_stiffness_front"]
@@ -54,6 +56,39 @@ def test_it_writes_a_vehicle_its_covariance_and_a_page(drive, tmp_path, capsys):
     assert car.fit.matrix * np.outer(deviations, deviations) == pytest.approx(covariance)
     page = (out / "report.html").read_text()
     assert "Variance" in page or "variance explained" in page
+
+
+def test_what_a_log_without_roll_cannot_tell_is_of_the_vehicle_file(drive, tmp_path, capsys):
+    """The signals of a production car: steering, speed, yaw rate, lateral acceleration."""
+    _, case = drive
+    own = {k: v for k, v in case.columns.items() if k not in ("roll_rate", "roll")}
+    fit_truth.Truth(case.start, {}, own).write(tmp_path / "drive.csv")
+    words = options(tmp_path, "--out", str(tmp_path / "out"))
+    at = words.index("suspension.roll_damping_front_share")
+    assert main([*words[: at - 1], *words[at + 1 :]]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith("van_real fitted to 3.0 s of drive.csv: 2 of 3 parameters")
+    assert "warning: no roll rate in the log" in printed
+    assert "\nfrom the vehicle file, not from the log: front share of roll damping\n" in printed
+    car, start = vehicles.load(tmp_path / "out" / "van_real.toml"), vehicles.load("van_real")
+    share = "suspension.roll_damping_front_share"
+    assert car.suspension.roll_damping_front_share == start.suspension.roll_damping_front_share
+    assert car.source(share) == start.source(share)
+    true = case.numbers["tyre.cornering_stiffness_front"]
+    assert car.tyre.cornering_stiffness_front == pytest.approx(true, rel=0.05)
+
+
+def test_residuals_that_are_no_noise_are_not_to_be_trusted(drive, tmp_path, capsys):
+    """A van with another tyre: 30 % less friction than the file whose friction is held."""
+    _, case = drive
+    own = case.start.replace({"tyre.friction": 0.5})
+    columns = fit_truth.truth(7, own, duration=4.0, held=HELD).columns
+    fit_truth.Truth(case.start, {}, columns).write(tmp_path / "drive.csv")
+    assert main(options(tmp_path, "--json")) == 0
+    assert json.loads(capsys.readouterr().out)["trusted"] is False
+    assert main(options(tmp_path)) == 0
+    head = capsys.readouterr().out.splitlines()[0]
+    assert "parameters not to be trusted (residuals no noise: yaw rate" in head
 
 
 def test_an_unusual_car_is_named_and_its_file_can_be_read(drive, tmp_path, capsys, monkeypatch):

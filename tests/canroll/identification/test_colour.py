@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from canroll.identification.colour import correlation_times, score_covariance
+from canroll.identification.colour import correlation_times, misfit_covariance, score_covariance
 
 
 def coloured(generator, count, pole, draws=1):
@@ -49,3 +49,30 @@ def test_signals_that_err_together_are_one():
     found = score_covariance(weights, errors, np.ones(errors.shape, bool))
     apart = score_covariance(weights[:, :1], errors[:, :1], np.ones((5000, 1), bool))
     assert found == pytest.approx(4 * apart)
+
+
+def test_a_misfit_does_not_average_out():
+    """A model without a bend that the car has: its line is off by more than noise has it."""
+    generator = np.random.default_rng(6)
+    at = np.linspace(-1.0, 1.0, 600)
+    slopes = np.column_stack([at, np.sin(3.0 * at)])
+    inverse = np.linalg.inv(slopes.T @ slopes)
+    noise, off, far = 0.05, [], []
+    for _ in range(300):
+        bend = generator.normal(0.0, 0.1) * np.sin(generator.uniform(4.0, 12.0) * at)
+        seen = bend + noise * generator.standard_normal(at.size)
+        fitted = inverse @ slopes.T @ seen
+        errors, every = (slopes @ fitted - seen)[:, None], np.ones((at.size, 1), bool)
+        scores = score_covariance(slopes[:, None], errors, every)
+        misfit = misfit_covariance(slopes[:, None], errors, every)
+        if misfit.any():
+            off.append(fitted / np.sqrt(np.diag(inverse @ scores @ inverse)))
+            far.append(fitted / np.sqrt(np.diag(inverse @ (scores + misfit) @ inverse)))
+    assert len(far) > 100
+    assert np.mean(np.abs(off) < 1.96) < 0.8
+    assert np.mean(np.abs(far) < 1.96) > 0.9
+
+
+def test_white_residuals_have_no_misfit():
+    errors = np.random.default_rng(7).standard_normal((800, 2))
+    assert not misfit_covariance(np.ones((800, 2, 3)), errors, np.ones((800, 2), bool)).any()

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from canroll.identification.information import Information, felt, together
+from canroll.identification.information import Information, felt, numbers_at, together
+from canroll.identification.unknowns import Unknown
 
 SLOPES = np.random.default_rng(1).standard_normal((40, 3)) * [3.0, 1.0, 0.1]
 
@@ -43,3 +44,20 @@ def test_what_is_not_felt():
 def test_strong_correlations_are_named():
     covariance = np.array([[4.0, 1.9, 0.0], [1.9, 1.0, 0.0], [0.0, 0.0, 1.0]])
     assert together(covariance, ["a", "b", "c"]) == [("a", "b", pytest.approx(0.95))]
+
+
+def test_a_misfit_leaves_numbers_at_most_as_uncertain_as_before():
+    free, fisher = np.ones(3, bool), SLOPES.T @ SLOPES
+    noise = Information(fisher, fisher).covariance(free)
+    for size in (1.0, 1e3, 1e9):
+        covariance = Information(fisher, fisher, misfit=size * fisher).covariance(free)
+        assert np.linalg.eigvalsh(covariance).max() < 1.0 + 1e-9
+        assert np.linalg.eigvalsh(covariance - noise).min() > -1e-9
+    assert np.diag(covariance) == pytest.approx(1.0)
+
+
+def test_a_number_at_its_bound_is_not_identified():
+    share = Unknown("suspension.roll_stiffness_front_share", "", "", 0.5, 0.1, 0.1, 0.9, "")
+    for x, state in ((4.0, "bound"), (-4.0, "bound"), (3.9, "identified")):
+        (number,) = numbers_at([share], np.array([x]), np.full((1, 1), 0.01), np.ones(1, bool))
+        assert number.state == state
