@@ -125,15 +125,6 @@ BANDS = (
     Band(
         "tyre.friction", "it", "", 0.1, 2.5, lambda v: v.tyre.friction, "from ice to racing slicks"
     ),
-    Band(
-        "plant.cg_height_above_roll_axis",
-        "a half track over the height of the CG above the road",
-        "",
-        0.3,
-        3.0,
-        lambda v: v.static_stability_factor,
-        "static stability factor: tank truck to formula car; NHTSA has 1.0 to 1.6 of cars",
-    ),
     Band("steering.ratio", "it", "", 5, 40, lambda v: v.steering.ratio, CLASS),
     *(
         Band(
@@ -216,6 +207,15 @@ BANDS = (
         10,
         _understeer,
         f"{GILLESPIE}: handling chapter",
+    ),
+    Band(
+        "plant.cg_height_above_roll_axis",
+        "a half track over the height of the CG above the road",
+        "",
+        0.3,
+        3.0,
+        lambda v: v.static_stability_factor,
+        "static stability factor: tank truck to formula car; NHTSA has 1.0 to 1.6 of cars",
     ),
 )
 """Derived quantities in the order of their check: what others depend on comes first."""

@@ -227,7 +227,7 @@ def fit(parser: Parser) -> None:
         "the log cannot tell."
     )
     parser.add_argument("log", type=not_empty, metavar="LOG", help=".csv .mf4, or a bus log")
-    add_choices(parser, ("vehicle",))
+    add_choices(parser, ("vehicle",), defaults={"vehicle": None})  # required
     _add_measured(parser, "fit")
     parser.add_argument("--check", metavar="FROM:TO", help="part (s) to predict with the fit")
     parser.add_argument(
@@ -300,7 +300,7 @@ def validate(parser: Parser) -> None:
     parser.add_argument(
         "logs", nargs="+", type=not_empty, metavar="LOG", help=".csv .mf4, or bus logs"
     )
-    add_choices(parser, ("vehicle",))
+    add_choices(parser, ("vehicle",), defaults={"vehicle": None})  # required
     _add_measured(parser, "compare")
     parser.add_argument(
         "--manoeuvre",

@@ -224,12 +224,12 @@ def _match(drive: Drive, name: str, kind: str, settings: ValidationSettings) -> 
     failed = []
     least = settings.explained[name]
     if not explained >= least:
-        failed.append(f"{100 * explained:.2f} % of the variance, {100 * least:.4g} are needed")
+        failed.append(f"VAF {100 * explained:.2f} %, {100 * least:.4g} % required")
     if rating is not None and not rating.overall > settings.rating:
-        failed.append(f"rating {rating.overall:.3f}, above {settings.rating:g} is needed")
+        failed.append(f"rating {rating.overall:.3f}, above {settings.rating:g} required")
     if not error <= settings.error:
         failed.append(
-            f"error of {100 * error:.3g} % of the largest value, at most "
-            f"{100 * settings.error:.3g} % is allowed"
+            f"error {100 * error:.3g} % of the largest value, at most "
+            f"{100 * settings.error:.3g} % allowed"
         )
     return Match(name, explained, rms, error, rating, rated, tuple(failed))

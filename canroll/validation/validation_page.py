@@ -11,7 +11,7 @@ from canroll.report.figure import DASHED, DOTTED, Figure, Series
 from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
 from canroll.validation.criterion import Criterion, ToleranceBand
 from canroll.validation.replayed import label
-from canroll.validation.validate import Validation
+from canroll.validation.validate import Match, Validation
 
 CORRIDOR = 0.05
 """Half-width of the inner corridor of ISO/TS 18571, of the largest measured value."""
@@ -51,6 +51,12 @@ def headline(validations: Sequence[Validation]) -> str:
     )
 
 
+def _mark(match: Match) -> str:
+    if match.failed:
+        return f"fails {', '.join(text.split()[0] for text in match.failed)}"
+    return "" if match.rating is None else "passes"
+
+
 def signal_table(validation: Validation) -> PageTable:
     """Return how well each signal agrees."""
     rows: list[tuple[str | Cell, ...]] = []
@@ -65,7 +71,7 @@ def signal_table(validation: Validation) -> PageTable:
                 "" if rating is None else rating.grade,
                 Cell(f"{100 * match.error:.2f}", match.error, ""),
                 Cell(f"{factor * match.rms:.3g} {unit}"),
-                "fails" if match.failed else ("passes" if rating is not None else ""),
+                _mark(match),
             )
         )
     head = ("signal", "VAF %", "rating", "ISO/TS 18571", "error %", "RMS", "")
