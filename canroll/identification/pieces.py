@@ -203,8 +203,8 @@ def _cleaned(log: Log, name: str) -> _Clean:
     gaps = np.diff(times) > max(GAP, 2.5 * usual)
     if gaps.sum() > len(resets):
         longest = float(np.diff(times).max())
-        count = _counted(gaps.sum() - len(resets), "gap")
-        remarks.append(f"{label}: {count}, the longest of {longest:.2f} s")
+        gap = _counted(gaps.sum() - len(resets), "gap")
+        remarks.append(f"{label}: {gap}, the longest of {longest:.2f} s")
     if name == "steering" and usual > SLOW:
         turned = np.abs(np.diff(values)).max() / max(np.ptp(values), 1e-12)
         if turned > TURNED:
