@@ -147,3 +147,6 @@ def test_a_vehicle_is_needed(drive, capsys):
     folder, _ = drive
     assert main(["fit", str(folder / "drive.csv"), "--json"]) == 2
     assert "--vehicle is missing" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["fit", "--help"])
+    assert "default: van_real" not in capsys.readouterr().out
