@@ -18,6 +18,7 @@ from firmware.com import signals
 from firmware.state import (
     AGE_MAX,
     FIRST_FRAME,
+    INIT,
     N_FAULT_CODES,
     REST,
     RX_ACTUATOR_STATE,
@@ -27,7 +28,7 @@ from firmware.state import (
     RX_VEHICLE_MOTION,
     Ecu,
 )
-from firmware.subset import byte, clamp, i32, u8
+from firmware.subset import byte, clamp, i32, sat31, u8
 
 # fault codes; 0 to 4: no valid frame of message m in time
 FAULT_DISAGREEMENT = 5
@@ -203,12 +204,21 @@ def roll_rate_needed(cal: Calibration) -> i32:
 def watch_lateral(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
     """Judge the lateral acceleration; return its effect on the mode.
 
+    A sample is bad too that differs from the last good one by more than a car's motion does in the
+    time since, up to the timeout: what was lost by a jump is good once it is back near that one.
     The observer uses it again from the first good sample, the feedforward only after
     ``recovery_ticks`` of them.
     """
     bad: i32 = lacking(ecu, RX_IMU, 2) | beyond(ecu.lateral_acceleration, cal.acceleration_max)
-    if bad == 0:
+    if ecu.mode == INIT:
+        ecu.acceleration_ticks = AGE_MAX
+    elif ecu.lateral_lost == 0:
+        ecu.acceleration_ticks = clamp(ecu.acceleration_ticks + elapsed, 0, AGE_MAX)
+    most: i32 = sat31(cal.acceleration_noise + ecu.acceleration_ticks * cal.acceleration_change)
+    bad = bad | beyond(sat31(ecu.lateral_acceleration - ecu.acceleration_good), most)
+    if bad == 0 and (ecu.fresh[RX_IMU] & 2) != 0:
         ecu.acceleration_good = ecu.lateral_acceleration
+        ecu.acceleration_ticks = 0
     contradicted: i32 = ecu.lateral_contradicted
     ecu.detected = ecu.detected | (contradicted << FAULT_LATERAL_CONTRADICTED)
     bad = bad | contradicted

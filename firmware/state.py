@@ -117,6 +117,7 @@ class Ecu:
     acceleration_good: Annotated[
         i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "last plausible accelerometer")
     ]
+    acceleration_ticks: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "since then")]
     lateral_good: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "lateral acceleration is good since")]
     good_ticks: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "all needed inputs good since")]
     authority: Annotated[i32, F(0, ONE, Q_UNIT, "", "ramp of the law, 0 in INIT and SAFE")]

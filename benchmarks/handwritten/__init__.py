@@ -15,7 +15,7 @@ from firmware.calibration import CONSTANT_GAIN, STATE_FEEDBACK, SUSPENSION
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_VEHICLE_MOTION
 
 # what only options that are off would read
-LEFT_OUT = ("work", "detected", "rate_good", "acceleration_good")
+LEFT_OUT = ("work", "detected", "rate_good")
 OPTIONS = {
     "law": STATE_FEEDBACK,
     "actuator": SUSPENSION,

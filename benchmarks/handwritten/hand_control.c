@@ -223,7 +223,7 @@ static bool pushes(const canroll_calibration *cal, int32_t moment, int32_t a, in
 /* The safety envelope before the allocation: one output, judged by the Imu. */
 void hand_guard(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
 {
-    const int32_t a = ecu->lateral_acceleration, last = ecu->guarded[0];
+    const int32_t a = ecu->acceleration_good, last = ecu->guarded[0];
     const int64_t way = (int64_t)elapsed * cal->envelope_slew;
     const int32_t step = (way > STATE_MAX) ? STATE_MAX : (int32_t)way;
     int32_t low = -cal->envelope_moment, high = cal->envelope_moment, given;

@@ -73,6 +73,29 @@ static inline bool lasting(int32_t *bad_ticks, bool bad, int32_t timeout, int32_
     return *bad_ticks > timeout;
 }
 
+/* Whether the accelerometer is beyond its range or what a car does since its last good sample. */
+static bool implausible_lateral(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
+{
+    const int32_t a = ecu->lateral_acceleration;
+    if (ecu->mode == CANROLL_INIT) {
+        ecu->acceleration_ticks = AGE_MAX;
+    } else if (!ecu->lateral_lost) {
+        ecu->acceleration_ticks = aged(ecu->acceleration_ticks, elapsed);
+    }
+    const int64_t moved = (int64_t)ecu->acceleration_ticks * cal->acceleration_change;
+    const int64_t most = cal->acceleration_noise + moved;
+    if (lacking(ecu, CANROLL_RX_IMU, 2) || beyond(a, cal->acceleration_max)
+        || beyond(bits_31(a - ecu->acceleration_good),
+            (most > STATE_MAX) ? STATE_MAX : (int32_t)most)) {
+        return true;
+    }
+    if (ecu->fresh[CANROLL_RX_IMU] & 2) {
+        ecu->acceleration_good = a;
+        ecu->acceleration_ticks = 0;
+    }
+    return false;
+}
+
 static uint32_t judge_imu(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed,
     uint32_t *found)
 {
@@ -91,8 +114,7 @@ static uint32_t judge_imu(canroll_ecu *ecu, const canroll_calibration *cal, int3
         *found |= MOTION_CONTRADICTED_BIT;
         unsafe = true;
     }
-    bad = ecu->lateral_contradicted || lacking(ecu, CANROLL_RX_IMU, 2)
-        || beyond(ecu->lateral_acceleration, cal->acceleration_max);
+    bad = ecu->lateral_contradicted || implausible_lateral(ecu, cal, elapsed);
     ecu->lateral_good = aged(ecu->lateral_good, elapsed);
     bad = lasting(&ecu->bad_ticks[BAD_LATERAL], bad, timeout, elapsed);
     if (ecu->lateral_contradicted) {

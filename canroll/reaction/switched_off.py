@@ -19,7 +19,8 @@ OFF = (
 )
 """Fields by which a monitor is off where they are 0."""
 WIDEST = (
-    *("roll_rate_max", "acceleration_max", "speed_noise", "stuck_ticks"),
+    *("roll_rate_max", "acceleration_max", "acceleration_noise"),
+    *("speed_noise", "stuck_ticks"),
     *("envelope_age", "envelope_outward", "envelope_ticks"),
 )
 """Limits that nothing reaches at the end of their range."""

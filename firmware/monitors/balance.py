@@ -8,6 +8,7 @@ part alone is that part, passed alike: what it may be wrong by is a share of it.
 from firmware.calibration import ONE, Q_SHARE, STATE_MAX, Calibration
 from firmware.fixed_point import magnitude, product
 from firmware.monitors.redundancy import beyond, lasting
+from firmware.plausibility import BAD_ACCELERATION
 from firmware.state import Ecu
 from firmware.subset import clamp, i32, rsh, sat31
 
@@ -108,8 +109,10 @@ def accuse_axles(ecu: Ecu, which: i32, mismatch: i32, limit: i32, ticks: i32) ->
     """Believe no axle once the ``mismatch`` has been beyond ``limit`` to one side for so long.
 
     The balance does not tell which lies. What bounces changes its side before. Ticks to the
-    negative side count as negative.
+    negative side count as negative, and none while the lateral acceleration is bad.
     """
+    if ecu.bad_ticks[BAD_ACCELERATION] > 0:
+        limit = STATE_MAX
     side: i32 = 1
     if mismatch < 0:
         side = -1

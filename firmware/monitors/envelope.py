@@ -62,7 +62,7 @@ def enveloped(cal: Calibration, given: i32, last: i32, elapsed: i32) -> i32:
 def guard(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     """Keep the outputs of the law within the envelope; ``envelope_acted`` says if it had to."""
     message: i32 = RX_IMU
-    acceleration: i32 = ecu.lateral_acceleration
+    acceleration: i32 = ecu.acceleration_good
     if cal.observer == BYPASS:
         message = RX_ROLL_REFERENCE
         acceleration = ecu.reference_acceleration

@@ -1,6 +1,7 @@
 """Safety envelope of the actuator node: rejects commands that contradict the measured motion.
 
-The node takes the lateral acceleration from the Imu's frames, with a separate receiver. A command
+The node takes the lateral acceleration from the Imu's frames, with a separate receiver; where the
+yaw rate in them turns to the other side, no direction is known, and none is judged. A command
 that pushes the body outward for too long while the acceleration does not fall is not followed until
 it has stopped, nor is any once the acceleration has not been heard for long. Limits of moment and
 rate are the actuator's own (:func:`plant_sim.nodes.actuator_models.refer`).
@@ -29,16 +30,17 @@ DEAF_NS = 500_000_000
 """Longest time outward, and longest time without an acceleration once one has been heard."""
 
 # Slots of Envelope.memory and of Envelope.place.
-ACCELERATION, SLOW, OUTWARD_MS, CUT, ACTED, HEARD_NS, N_MEMORY = range(7)
-FRAME, MESSAGE, SIGNAL, N_PLACE = range(4)
+ACCELERATION, SLOW, OUTWARD_MS, CUT, ACTED, HEARD_NS, TURNING, N_MEMORY = range(8)
+FRAME, MESSAGE, SIGNAL, YAW_RATE, N_PLACE = range(5)
 NEVER = -1.0
 
 
 class Envelope(NamedTuple):
     """``arm`` (2, 4) makes moments by axle of commands by channel, ``most`` (2) limits them, N·m.
 
-    ``place``: rows of frame, message and signal of the lateral acceleration in the codec's tables,
-    -1 where it is not on the bus; ``memory``: state; ``receiver``: E2E state of the Imu's frames.
+    ``place``: rows of frame, message, lateral acceleration and yaw rate in the codec's tables, -1
+    where it is not on the bus, or not in that frame; ``memory``: state; ``receiver``: E2E state of
+    the Imu's frames.
     """
 
     arm: NDArray[np.float64]
@@ -59,7 +61,11 @@ def build(
     message = int(tables.field[signal, codec.FRAME])
     row = tables.message[message]
     on_bus = bool(row[codec.LENGTH])
-    place = [int(row[codec.LEADER]) if on_bus else -1, message, signal]
+    yaw_rate = codec_tables.signal_index("Imu", "YawRate")
+    field = tables.field[yaw_rate]
+    together = field[codec.PIECES] and field[codec.FRAME] == message
+    leader = int(row[codec.LEADER]) if on_bus else -1
+    place = [leader, message, signal, yaw_rate if together else -1]
     memory = np.zeros(N_MEMORY)
     memory[HEARD_NS] = NEVER
     return Envelope(
@@ -79,7 +85,7 @@ def hear(
     payload: NDArray[np.uint8],
     t_ns: int,
 ) -> None:
-    """Take the lateral acceleration from a frame of the Imu, if it is valid and in sequence."""
+    """Take acceleration and yaw rate from a frame of the Imu, if it is valid and in sequence."""
     message, signal = envelope.place[MESSAGE], envelope.place[SIGNAL]
     status = e2e.check(
         envelope.receiver,
@@ -94,6 +100,20 @@ def hear(
         return
     envelope.memory[ACCELERATION] = codec.physical(tables, signal, raw)
     envelope.memory[HEARD_NS] = t_ns
+    envelope.memory[TURNING] = 0.0
+    yaw_rate = envelope.place[YAW_RATE]
+    if yaw_rate >= 0:
+        raw = codec.extract(tables, yaw_rate, payload)
+        if codec.valid(tables, yaw_rate, raw):
+            envelope.memory[TURNING] = codec.physical(tables, yaw_rate, raw)
+
+
+@njit
+def side_of_curve(memory: NDArray[np.float64]) -> float:
+    """Return the sign of the acceleration, 0 where the yaw rate has the other one."""
+    if memory[ACCELERATION] * memory[TURNING] < 0.0:
+        return 0.0
+    return float(np.sign(memory[ACCELERATION]))
 
 
 @njit
@@ -106,7 +126,7 @@ def cuts(envelope: Envelope, front: float, rear: float, t_ns: int) -> bool:
     if memory[HEARD_NS] == NEVER:
         return False
     acceleration = memory[ACCELERATION]
-    side = 1.0 if acceleration > 0.0 else -1.0
+    side = side_of_curve(memory)
     limit_front, limit_rear = OUTWARD_SHARE * envelope.most[0], OUTWARD_SHARE * envelope.most[1]
     outward = side * front > limit_front or side * rear > limit_rear
     steady = side * (acceleration - memory[SLOW]) > -FALLEN
@@ -129,7 +149,7 @@ def outward(envelope: Envelope, moment: float, t_ns: int) -> bool:
     """Whether a roll moment (N·m) pushes outward in the curve that was heard of lately."""
     memory = envelope.memory
     known = memory[HEARD_NS] != NEVER and t_ns - memory[HEARD_NS] <= DEAF_NS
-    return bool(known and moment * memory[ACCELERATION] > 0.0)
+    return bool(known and moment * side_of_curve(memory) > 0.0)
 
 
 @njit

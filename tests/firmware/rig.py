@@ -272,7 +272,7 @@ def calibration(
     cal.redundancy_pass = [2**19, 2**23, 2**27, 2**26]
     cal.erratic_kept, cal.response_mean = [7 * 2**27] * 5, 2**20
     # as wide as it gets: tests of the law are not those of the envelope or of the speed
-    cal.speed_noise = 200 << 20
+    cal.speed_noise, cal.acceleration_noise = 200 << 20, fw.STATE_MAX
     cal.envelope_moment = cal.envelope_slew = cal.envelope_outward = fw.STATE_MAX
     cal.envelope_age, cal.envelope_ticks = 1 << 20, 1 << 20
     cal.arm_front = cal.arm_rear = round(2**28 / (2 * vehicle.half_track))

@@ -2,6 +2,8 @@
 
 import pytest
 import rig
+from hypothesis import given
+from hypothesis import strategies as st
 
 from firmware import calibration as fw
 from firmware import plausibility as sv
@@ -23,7 +25,7 @@ from firmware.supervisor import supervise
 def good(ecu, cal) -> None:
     """As if all needed messages had just come."""
     for message in (RX_IMU, RX_VEHICLE_MOTION, RX_ACTUATOR_STATE):
-        ecu.last_sample[message], ecu.valid[message] = 1, 127
+        ecu.last_sample[message], ecu.valid[message], ecu.fresh[message] = 1, 127, 127
         ecu.age[message] = ecu.unchanged[message] = 0
 
 
@@ -80,6 +82,73 @@ def test_the_lateral_acceleration_is_trusted_again_to_the_tick():
         supervise(ecu, cal, 1)
         assert (ecu.lateral_good, ecu.lateral_lost) == (k, int(k < cal.recovery_ticks))
         assert ecu.acceleration_good == cal.acceleration_max
+
+
+CHANGE, NOISE = 1000, 300
+
+
+def judged(samples, mode=ACTIVE):
+    """Yield record and ECU after each of (ticks since the last one, sample or None)."""
+    cal = rig.calibration(acceleration_change=CHANGE, acceleration_noise=NOISE)
+    ecu = rig.started(cal)
+    good(ecu, cal)
+    ecu.mode, ecu.acceleration_ticks = mode, AGE_MAX
+    for elapsed, sample in samples:
+        ecu.fresh[RX_IMU] = 0
+        if sample is not None:
+            ecu.lateral_acceleration, ecu.fresh[RX_IMU] = sample, 71
+        sv.watch_lateral(ecu, cal, elapsed)
+        yield cal, ecu
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(1, 9), st.none() | st.integers(-20_000, 20_000)),
+        min_size=1,
+        max_size=40,
+    )
+)
+def test_no_believed_acceleration_changes_faster_whatever_comes(samples):
+    known, since = None, 0
+    for (elapsed, sample), (_, ecu) in zip(samples, judged(samples), strict=True):
+        since += elapsed
+        believed = sample is not None and ecu.bad_ticks[sv.BAD_ACCELERATION] == 0
+        if believed:
+            assert known is None or abs(sample - known) <= since * CHANGE + NOISE
+            known, since = sample, 0
+        elif sample is not None and not ecu.lateral_lost:
+            assert abs(sample - known) > since * CHANGE + NOISE
+        assert ecu.acceleration_good == (known or 0)
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(1, 9), st.integers(-CHANGE, CHANGE), st.booleans()), max_size=40
+    ),
+    st.integers(-(NOISE // 2), NOISE // 2),
+)
+def test_a_motion_within_the_bound_is_never_refused_whatever_frames_are_lost(steps, noise):
+    motion, samples = 0, []
+    for elapsed, rate, arrives in steps:
+        motion += elapsed * rate
+        noise = -noise
+        samples.append((elapsed, motion + noise if arrives else None))
+    assert all(ecu.bad_ticks[sv.BAD_ACCELERATION] == 0 for _, ecu in judged(samples))
+
+
+def test_what_jumped_is_lost_and_good_once_it_is_back_near_the_last_good_one():
+    timeout = rig.calibration().timeout_ticks[RX_IMU]
+    near = NOISE + (timeout + 1) * CHANGE
+    steps = [(1, 5000), *[(1, 5001 - 2 * near)] * 500, (1, 4999 - near), (1, 5000 - near)]
+    seen = [(ecu.lateral_lost, ecu.acceleration_good) for _, ecu in judged(steps)]
+    assert seen[: timeout + 1] == [(0, 5000)] * (timeout + 1)
+    assert set(seen[timeout + 1 : -1]) == {(1, 5000)}
+    assert seen[-1] == (1, 5000 - near)
+
+
+def test_in_init_any_sample_is_the_first():
+    for _, ecu in judged([(1, 1 << 25), (1, -(1 << 25)), (1, 1 << 25)], INIT):
+        assert ecu.acceleration_good == ecu.lateral_acceleration
 
 
 @pytest.mark.parametrize("sign", [-1, 1])

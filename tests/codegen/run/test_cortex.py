@@ -104,16 +104,16 @@ def test_no_heap_no_float_no_memory_of_its_own(cpu):
 
 # QEMU's counts for a double lane change, with a little room: mean instructions a tick
 TICKS = {
-    "constant gain": (recorded_traffic.Case("double_lane_change", "lqr"), 7380),
+    "constant gain": (recorded_traffic.Case("double_lane_change", "lqr"), 7440),
     "without the response monitor": (
         recorded_traffic.Case("double_lane_change", "lqr", response_watch=False),
-        3930,
+        3980,
     ),
     "covariance and identification": (
         recorded_traffic.Case(
             "double_lane_change", "lqr", observer="propagated", identification=True
         ),
-        12_570,
+        12_640,
     ),
 }
 CODE, TABLES, STATE, STACK = 20_000, 1170, 1500, 256

@@ -30,7 +30,7 @@ LIMIT = 1.55
 costs another step of the model, by arm-none-eabi-gcc 12.2. The target of 1.1 is not met."""
 SPECIALISED_LIMIT = 1.0
 """Specialised to hand-written, instructions and cycles: 0.86 and 0.73 for lqr."""
-CODE_LIMIT = 12_288
+CODE_LIMIT = 12_544
 """Bytes of the specialised code on a Cortex-M4."""
 
 

@@ -32,7 +32,8 @@ def calibration(**overrides):
 def pushed(ecu, cal, outputs, acceleration=0, elapsed=1):
     """One tick of the envelope on ``outputs`` of the law; what it gives."""
     ecu.outputs = list(outputs)
-    ecu.lateral_acceleration = acceleration
+    # what was received and not believed counts for nothing
+    ecu.acceleration_good, ecu.lateral_acceleration = acceleration, -acceleration
     envelope.guard(ecu, cal, elapsed)
     assert ecu.guarded == ecu.outputs
     assert ecu.moment == sum(ecu.outputs)

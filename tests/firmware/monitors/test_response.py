@@ -541,6 +541,15 @@ def test_nothing_is_judged_unless_all_that_acts_is_known(state):
     assert ecu.contradicted == [0, 0]
 
 
+def test_no_axle_is_accused_while_the_lateral_acceleration_is_bad():
+    for bad, found in ((0, 1), (1, 0)):
+        cal = watched()
+        ecu = known(cal)
+        ecu.bad_ticks[sv.BAD_ACCELERATION] = bad
+        replay(ecu, cal, drive(lambda moment: -moment))
+        assert ecu.contradicted == [found, found]
+
+
 @pytest.mark.parametrize("valid", [6, 7])
 def test_without_a_measured_roll_rate_axles_and_heave_are_judged_alone(valid):
     cal = watched(measurements=2)

@@ -47,7 +47,7 @@ REASONS = {
     ),
     "assumed: no limit of slew, corner or estimate acts": (
         *("slew_max", "force_max", "bar_max", "share_slack", "bias_max"),
-        *("roll_rate_max", "acceleration_max"),
+        *("roll_rate_max", "acceleration_max", "acceleration_change", "acceleration_noise"),
         *("envelope_moment", "envelope_slew", "envelope_age", "envelope_outward"),
         *("envelope_lateral", "envelope_ticks", "envelope_pass"),
     ),

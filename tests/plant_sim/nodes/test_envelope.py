@@ -23,10 +23,11 @@ def fresh(acceleration=None):
     return its
 
 
-def frame(count, acceleration):
+def frame(count, acceleration, yaw_rate=0.0):
     payload = np.zeros(codec.MAX_PAYLOAD, np.uint8)
     values = dict.fromkeys(codec_tables.signal_names("Imu"), 0.0) | {
-        "LateralAcceleration": acceleration
+        "LateralAcceleration": acceleration,
+        "YawRate": yaw_rate,
     }
     codec.encode(TABLES, IMU, np.array(list(values.values())), payload)
     e2e.protect(TABLES.protection[IMU], TABLES.terms[IMU], TABLES.crc[IMU], count, payload)
@@ -94,6 +95,18 @@ def test_one_axle_does_not_make_good_for_the_other():
     its = fresh(4.0)
     found = [envelope.cuts(its, MOST, -MOST, k * MS) for k in range(300)]
     assert found == [False] * (envelope.PATIENCE_MS - 1) + [True] * 101
+
+
+@pytest.mark.parametrize("yaw_rate", [-0.2, 0.0, 0.2, float("nan")])
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_an_acceleration_against_the_yaw_rate_tells_no_side(sign, yaw_rate):
+    its = fresh()
+    envelope.hear(its, TABLES, e2e.Supervision(), frame(0, sign * 4.0, sign * yaw_rate), 0)
+    its.memory[SLOW] = sign * 4.0
+    told = not yaw_rate < 0.0
+    assert any(refusals(its, sign * MOST, 400)) == told
+    assert envelope.outward(its, sign * MOST, 0) == told
+    assert not envelope.outward(its, -sign * MOST, 0)
 
 
 @pytest.mark.parametrize("kind", ["suspension", "bars", "valves", "dampers"])
