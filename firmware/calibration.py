@@ -137,9 +137,7 @@ class Calibration:
     acceleration_change: Annotated[
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "most that it changes by a tick")
     ]
-    acceleration_noise: Annotated[
-        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "and noise besides")
-    ]
+    acceleration_noise: Annotated[i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "and noise besides")]
     speed_fall: Annotated[
         i32, F(0, 200 << Q_SPEED, Q_SPEED, "m/s", "most that brakes take from the speed a tick")
     ]
