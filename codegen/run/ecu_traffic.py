@@ -60,7 +60,7 @@ MONITORS = (
     *("redundancy_", "opposite_", "slide_", "apart_", "bound_"),
     *("mirror_", "clock_", "erratic_", "delivery_", "rolling_", "response_", "axles_", "heave_"),
 )
-LIMITS = ("envelope_", "steering_limit", *MONITORS)
+LIMITS = ("envelope_", "steering_limit", "acceleration_change", "acceleration_noise", *MONITORS)
 """Fields that limit what a law takes and gives, by the beginning of their names."""
 TIGHT = 3
 
