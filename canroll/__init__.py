@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from canroll.studies.comparison import compare, sweep
     from canroll.studies.severe import study as severe
     from canroll.table import Table
+    from canroll.validation.measured_drives import fit, validate
     from gain_gen.calibration.calibration_file import load as load_calibration
     from gain_gen.design import design
     from gain_gen.margin_report import margin_report as margins
@@ -55,6 +56,7 @@ __all__ = [
     "compare",
     "design",
     "drive",
+    "fit",
     "limit",
     "load_calibration",
     "load_vehicle",
@@ -65,6 +67,7 @@ __all__ = [
     "severe",
     "sweep",
     "understeer",
+    "validate",
 ]
 
 _HOMES = {
@@ -79,6 +82,7 @@ _HOMES = {
     "compare": ("canroll.studies.comparison", "compare"),
     "design": ("gain_gen.design", "design"),
     "drive": ("canroll.exchange.stepping", "drive"),
+    "fit": ("canroll.validation.measured_drives", "fit"),
     "limit": ("canroll.handling.vehicle_tests", "limit"),
     "load_calibration": ("gain_gen.calibration.calibration_file", "load"),
     "load_vehicle": ("vehicles", "load"),
@@ -89,6 +93,7 @@ _HOMES = {
     "severe": ("canroll.studies.severe", "study"),
     "sweep": ("canroll.studies.comparison", "sweep"),
     "understeer": ("canroll.handling.vehicle_tests", "understeer"),
+    "validate": ("canroll.validation.measured_drives", "validate"),
 }
 
 

@@ -23,7 +23,6 @@ from canroll.identification.fit_page import (
     left_line,
     measurement_line,
     not_of_log,
-    summary,
 )
 from canroll.identification.pieces import Window
 from canroll.report.run_folder import write_text
@@ -87,7 +86,7 @@ def window_of(option: str, text: str) -> Window:
 
 
 def _show(result: Fit) -> None:
-    terminal.show_verdict(summary(result), good=None)
+    terminal.show_verdict(result.verdict, good=None)
     print("\n".join(explained_lines(result)))
     terminal.show_warnings(result.remarks)
     print()

@@ -38,6 +38,7 @@ from canroll.identification.output_error import (
 )
 from canroll.identification.pieces import EVERYTHING, SAMPLE, Piece, Window, pieces
 from canroll.identification.unknowns import FittedNumber
+from canroll.table import Table
 from canroll.typing import Progress, Vector
 from vehicles import Vehicle
 from vehicles.fit_spread import SECTION, section_of, value_of
@@ -88,7 +89,14 @@ class Curves:
     simulated: NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+def explained(agreements: tuple[Agreement, ...]) -> str:
+    """Return in words how much of each signal's variance is explained."""
+    return ", ".join(
+        f"{QUANTITIES[one.name].label} {100 * one.explained:.2f} %" for one in agreements
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Fit:
     """A fitted vehicle.
 
@@ -128,6 +136,28 @@ class Fit:
     def coloured(self) -> tuple[str, ...]:
         """Labels of the signals whose residuals are no noise: another car would leave less."""
         return tuple(QUANTITIES[one.name].label for one in self.agreements if not one.white)
+
+    @property
+    def verdict(self) -> str:
+        """The answer in a line."""
+        states = [number.state for number in self.numbers if not number.unknown.of_log]
+        bound = f", {states.count('bound')} at its bound" if "bound" in states else ""
+        doubt = ""
+        if self.coloured:
+            noisy = ", ".join(self.coloured)
+            doubt = f"parameters not to be trusted (residuals no noise: {noisy}); "
+        return (
+            f"{self.start.name} fitted to {self.seconds:.1f} s of {self.log}: {doubt}"
+            f"{states.count('identified')} of {len(states)} parameters identified{bound}"
+        )
+
+    @property
+    def table(self) -> Table:
+        """One row for each number: value, deviation, state, and what was known before."""
+        return Table([number.to_json() for number in self.numbers])
+
+    def __repr__(self) -> str:
+        return f"<{self.verdict}; variance explained: {explained(self.agreements)}>"
 
     def of_state(self, state: str) -> tuple[FittedNumber, ...]:
         """Return the numbers of a state."""

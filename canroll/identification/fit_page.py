@@ -6,32 +6,13 @@ import numpy as np
 
 from canroll.identification.agreement import Agreement
 from canroll.identification.drive_log import QUANTITIES
-from canroll.identification.fit import Fit
+from canroll.identification.fit import Fit, explained
 from canroll.identification.unknowns import STATES, FittedNumber, delay_key, offset_key
 from canroll.report.figure import DASHED, Figure, Series
 from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
 
 SHOWN = {"rad": ("°", np.degrees(1.0)), "rad/s": ("°/s", np.degrees(1.0)), "s": ("ms", 1e3)}
 """Units of sensors as people read them, and their factors."""
-
-
-def _explained(agreements: tuple[Agreement, ...]) -> str:
-    return ", ".join(
-        f"{QUANTITIES[one.name].label} {100 * one.explained:.2f} %" for one in agreements
-    )
-
-
-def summary(fit: Fit) -> str:
-    """Return the answer in a line."""
-    states = [number.state for number in fit.numbers if not number.unknown.of_log]
-    bound = f", {states.count('bound')} at its bound" if "bound" in states else ""
-    doubt = ""
-    if fit.coloured:
-        doubt = f"parameters not to be trusted (residuals no noise: {', '.join(fit.coloured)}); "
-    return (
-        f"{fit.start.name} fitted to {fit.seconds:.1f} s of {fit.log}: {doubt}"
-        f"{states.count('identified')} of {len(states)} parameters identified{bound}"
-    )
 
 
 def not_of_log(fit: Fit) -> tuple[str, ...]:
@@ -41,9 +22,9 @@ def not_of_log(fit: Fit) -> tuple[str, ...]:
 
 def explained_lines(fit: Fit) -> Iterator[str]:
     """Yield how much of the variance the fitted car explains, where fitted and where predicted."""
-    yield f"variance explained: {_explained(fit.agreements)}"
+    yield f"variance explained: {explained(fit.agreements)}"
     if fit.predictions:
-        yield f"predicted, not fitted: {_explained(fit.predictions)}"
+        yield f"predicted, not fitted: {explained(fit.predictions)}"
 
 
 def left_line(fit: Fit) -> str:
@@ -201,7 +182,7 @@ def fit_page(fit: Fit) -> str:
             verdict=PageVerdict(
                 None,
                 "Not to be trusted" if fit.coloured else "Fitted",
-                "; ".join((summary(fit), *explained_lines(fit))),
+                "; ".join((fit.verdict, *explained_lines(fit))),
             ),
             warnings=fit.remarks,
             tables=tables,

@@ -14,6 +14,13 @@ STEADY_CIRCLE, STEP_STEER, SINE_SWEEP, SINE_WITH_DWELL, FREE = MANOEUVRES = (
     *("steady_circle", "step_steer", "sine_sweep", "sine_with_dwell", "free"),
 )
 """The manoeuvres that are judged in a way of their own, and all else."""
+WORDS = {
+    "steady_circle": "steady circle (ISO 4138, as ISO 19364 compares it)",
+    "step_steer": "step steer (ISO 7401, as ISO 22140 compares it)",
+    "sine_sweep": "sine sweep (ISO 7401)",
+    "sine_with_dwell": "sine with dwell (FMVSS 126, as ISO 19365 compares it)",
+    "free": "free driving",
+}
 
 LIKE = 0.97
 """Correlation with the steering of FMVSS 126 from which it is that one."""

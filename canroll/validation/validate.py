@@ -11,6 +11,7 @@ from canroll.errors import CanrollError, UnknownNameError
 from canroll.identification.drive_log import MOTION, OUTPUTS, Log
 from canroll.identification.moments import moments
 from canroll.identification.pieces import EVERYTHING, SAMPLE, Window
+from canroll.table import Table
 from canroll.validation import sine_sweep, sine_with_dwell, steady_circle, step_steer
 from canroll.validation.criterion import Judged
 from canroll.validation.manoeuvre import (
@@ -20,6 +21,7 @@ from canroll.validation.manoeuvre import (
     SINE_WITH_DWELL,
     STEADY_CIRCLE,
     STEP_STEER,
+    WORDS,
     recognised,
 )
 from canroll.validation.measurement import NONE, Measurement
@@ -103,7 +105,7 @@ class Match:
     failed: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Validation:
     """The verdict of a log on a vehicle.
 
@@ -129,6 +131,39 @@ class Validation:
         names = self.drive.names
         missing = (name for name in MOTION if name not in names)
         return tuple(label(name) for name in missing if name.removesuffix("_rate") not in names)
+
+    @property
+    def verdict(self) -> str:
+        """The answer in a line."""
+        about = f"{self.seconds:.1f} s of {self.drive.log}, "
+        about += WORDS[self.manoeuvre].partition(" (")[0]
+        if self.unjudged:
+            judged = " and ".join(label(name) for name in self.drive.names)
+            about += f", judged by {judged}, not by {' and '.join(self.unjudged)}"
+        name = self.drive.vehicle.name
+        if self.passed:
+            return f"{name} moves as measured: {about}"
+        return f"{name} does not move as measured: {about}: {self.failures[0]}"
+
+    @property
+    def table(self) -> Table:
+        """One row for each signal: variance explained, rating, error, and what failed."""
+        return Table(
+            [
+                {
+                    "signal": match.name,
+                    "explained": match.explained,
+                    "rating": None if match.rating is None else match.rating.overall,
+                    "rms": match.rms,
+                    "error": match.error,
+                    "failed": ", ".join(match.failed),
+                }
+                for match in self.matches
+            ]
+        )
+
+    def __repr__(self) -> str:
+        return f"<{self.verdict}>"
 
     @property
     def failures(self) -> tuple[str, ...]:

@@ -10,35 +10,22 @@ from canroll.identification.fit_page import SHOWN, rounded
 from canroll.report.figure import DASHED, DOTTED, Figure, Series
 from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
 from canroll.validation.criterion import Criterion, ToleranceBand
+from canroll.validation.manoeuvre import WORDS
 from canroll.validation.replayed import label
 from canroll.validation.validate import Match, Validation
 
 CORRIDOR = 0.05
 """Half-width of the inner corridor of ISO/TS 18571, of the largest measured value."""
-WORDS = {
-    "steady_circle": "steady circle (ISO 4138, as ISO 19364 compares it)",
-    "step_steer": "step steer (ISO 7401, as ISO 22140 compares it)",
-    "sine_sweep": "sine sweep (ISO 7401)",
-    "sine_with_dwell": "sine with dwell (FMVSS 126, as ISO 19365 compares it)",
-    "free": "free driving",
-}
 _MARKS = {True: "passes", False: "fails"}
 
 
 def headline(validations: Sequence[Validation]) -> str:
     """Return the answer in a line."""
+    if len(validations) == 1:
+        return validations[0].verdict
     vehicle = validations[0].drive.vehicle.name
     failed = [one for one in validations if not one.passed]
     unjudged = dict.fromkeys(text for one in validations for text in one.unjudged)
-    if len(validations) == 1:
-        (one,) = validations
-        about = f"{one.seconds:.1f} s of {one.drive.log}, {WORDS[one.manoeuvre].partition(' (')[0]}"
-        if unjudged:
-            judged = " and ".join(label(name) for name in one.drive.names)
-            about += f", judged by {judged}, not by {' and '.join(unjudged)}"
-        if one.passed:
-            return f"{vehicle} moves as measured: {about}"
-        return f"{vehicle} does not move as measured: {about}: {one.failures[0]}"
     missed = "".join(
         f"; {text} was not judged in {sum(text in one.unjudged for one in validations)}"
         for text in unjudged

@@ -140,6 +140,21 @@ def test_handling_and_buses_have_figures_and_a_table():
         canroll.response("van_real", speed_kmh=10.0)
 
 
+def test_a_measured_drive_is_judged_and_fitted():
+    log = Path(__file__).parents[2] / "examples/bmw_m8/double_lane_change.csv"
+    car = log.with_name("bmw_m8.toml")
+    verdict = canroll.validate(log, car, end=8.0)
+    assert repr(verdict) == f"<{verdict.verdict}>"
+    assert verdict.passed == (not any(verdict.table.column("failed")))
+    assert verdict.table.column("signal")[0] == "yaw_rate"
+    signals = {"roll_rate": "no_such_column:rad/s"}
+    for call in (canroll.validate, canroll.fit):
+        with pytest.raises(canroll.CanrollError, match="no_such_column"):
+            call(log, car, signals=signals)
+        with pytest.raises(canroll.CanrollError, match="from 5 to 2 s: nothing is between them"):
+            call(log, car, begin=5.0, end=2.0)
+
+
 def test_a_limit_is_bisected_and_says_what_limited():
     found = canroll.limit(
         "fishhook", law="passive", low_kmh=40.0, high_kmh=60.0, tolerance_kmh=20.0
