@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, UnknownNameError
 from canroll.setup.choices import CHOICES
 
 RARE = frozenset(("trust", *(choice.name for choice in CHOICES.values() if choice.rare)))
@@ -154,6 +154,12 @@ class Parser(argparse.ArgumentParser):
             return self.options
         more = {*self.asked, *(n for n, r in self.relations.items() if r.needs == self.asked)}
         return self.options - {self.spelt(name) for name in more}
+
+    def _check_value(self, action: argparse.Action, value: object) -> None:
+        """Refuse a name that is not among the choices, with the nearest that is."""
+        if action.choices is not None and value not in action.choices:
+            what = action.option_strings[-1] if action.option_strings else action.dest
+            raise UnknownNameError(what, str(value), map(str, action.choices))
 
     def error(self, message: str) -> NoReturn:
         """Report the error in one line on stderr and exit with 2."""

@@ -106,7 +106,7 @@ def test_samples_of_a_campaign_are_kept_and_seen_again(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--rare", "fails"], "invalid choice: 'fails'"),
+        (["--rare", "fails"], "unknown --rare 'fails'"),
         (["--rare", "harm", "--samples", "55"], "a multiple of 10, got 55"),
         (["--rare", "harm", "--until", "0.1"], "--until: --rare draws level by level"),
         (["--rare", "harm", "--json", "--only", "1"], "add it"),
