@@ -20,12 +20,14 @@ function setCursor(x, source = null) {
 
 function setRange(range) {
   shared.range = range;
-  for (const plot of shared.plots) if (plot.spec.linked) plot.draw();
+  drawAll(shared.plots.filter((plot) => plot.spec.linked));
   for (const listener of shared.zoomed) listener(range);
 }
 
-function drawAll() {
-  for (const plot of shared.plots) plot.draw();
+// sizes first: drawing changes the page, which would be laid out anew for each
+function drawAll(plots = shared.plots) {
+  const sizes = plots.map((plot) => plot.size());
+  plots.forEach((plot, place) => plot.draw(sizes[place]));
 }
 
 function tickLabels(u, values, axis, space, step) {
@@ -139,8 +141,7 @@ class Plot {
     this.draw();
   }
 
-  draw() {
-    const { width, height } = this.size();
+  draw({ width, height } = this.size()) {
     const [min, max] = this.xRange();
     this.figure.classList.toggle("zoomed", Boolean((this.spec.linked ? shared.range : this.range) || this.yRange));
     this.figure.dataset.points = String(this.pointsShown(min, max));
@@ -387,7 +388,7 @@ function paper(wanted) {
   document.documentElement.classList.toggle("paper", wanted);
   drawAll();
 }
-window.addEventListener("resize", drawAll);
+window.addEventListener("resize", () => drawAll());
 window.addEventListener("beforeprint", () => paper(true));
 window.addEventListener("afterprint", () => paper(false));
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawAll);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => drawAll());

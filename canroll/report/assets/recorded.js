@@ -106,25 +106,29 @@ class Recording {
     const dot = id.indexOf(".");
     const [owner, name] = [id.slice(0, Math.max(dot, 0)), id.slice(dot + 1)];
     const table = { "": this.data.signals, ecu: this.data.ticks }[owner] ?? null;
-    if (table === null) return this.once(id, () => this.field(owner, name));
+    if (table === null) return (await this.fields(owner))[name] ?? null;
     if (!table.curves[name]) return null;
     const [x, y] = await Promise.all([this.column(table.time), this.column(table.curves[name])]);
     return { x, y, kind: owner === "ecu" ? "step" : "line" };
   }
 
-  async field(owner, name) {
-    const stream = this.data.frames.find(({ key }) => this.book.messages[key]?.name === owner);
-    if (!stream) return null;
-    const { times, data, outcomes } = await this.frames(stream);
-    const [x, y] = [[], []];
-    for (let i = 0; i < times.length; i++) {
-      if (outcomes?.[i]) continue;
-      const found = fieldsOf(this.book.messages[stream.key], data(i))[name];
-      if (!found) continue;
-      x.push(times[i]);
-      y.push(found.value);
-    }
-    return { x, y, kind: "step" };
+  // the curves of all fields of a message by their names; its frames are decoded once
+  fields(owner) {
+    return this.once(`${owner}.`, async () => {
+      const curves = {};
+      const stream = this.data.frames.find(({ key }) => this.book.messages[key]?.name === owner);
+      if (!stream) return curves;
+      const { times, data, outcomes } = await this.frames(stream);
+      for (let i = 0; i < times.length; i++) {
+        if (outcomes?.[i]) continue;
+        for (const { value, field } of Object.values(fieldsOf(this.book.messages[stream.key], data(i)))) {
+          const { x, y } = (curves[field.name] ??= { x: [], y: [], kind: "step" });
+          x.push(times[i]);
+          y.push(value);
+        }
+      }
+      return curves;
+    });
   }
 
   // the frames of a message: their times, the bytes of one by its number, how each one ended

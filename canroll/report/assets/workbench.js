@@ -12,6 +12,7 @@ class Workbench {
     this.book = book;
     this.recordings = book.runs.map((run) => new Recording(run, book, run.name));
     this.pages = [];
+    this.chosen = new Set(); // what was asked for last, of which strips are those that are shown
     this.strips = new Map();
     this.cursors = { A: book.start, B: null };
     this.next = "A";
@@ -58,7 +59,11 @@ class Workbench {
   // one change after the other, so that a strip never appears twice; a failed one stops no later one
   enqueue(work) {
     const done = this.queue.then(work);
-    this.queue = done.catch((error) => { this.message.textContent = String(error); });
+    this.queue = done.catch((error) => {
+      this.message.textContent = String(error);
+      this.chosen = new Set(this.strips.keys());
+      this.changed();
+    });
     return done;
   }
 
@@ -88,8 +93,8 @@ class Workbench {
       const item = tag("li", "", this.list);
       const line = tag("label", "", item);
       const box = tag("input", "", line);
-      Object.assign(box, { type: "checkbox", value: id, checked: this.strips.has(id) });
-      box.addEventListener("change", () => this.enqueue(() => (box.checked ? this.add(id) : this.remove(id))));
+      Object.assign(box, { type: "checkbox", value: id, checked: this.chosen.has(id) });
+      box.addEventListener("change", () => this.choose(id, box.checked));
       line.append(` ${label}${unit ? ` (${unit})` : ""}`);
     }
   }
@@ -102,21 +107,36 @@ class Workbench {
     }
   }
 
-  async add(id) {
-    const quantity = this.quantities.get(id);
-    if (!quantity || this.strips.has(id)) return;
-    const series = [];
-    for (const run of this.recordings) {
-      const curve = await run.curve(id);
-      if (!curve?.x.length) continue;
-      series.push({ name: run.name, colour: run.colour ?? run.data.colour, dash: run.data.dash, ...curve });
-    }
-    const { label, unit } = quantity;
+  choose(id, wanted) {
+    if (wanted) this.chosen.add(id);
+    else this.chosen.delete(id);
+    return this.enqueue(() => this.showChosen());
+  }
+
+  // strips of all that is chosen by now, unpacked side by side
+  async showChosen() {
+    for (const id of [...this.strips.keys()]) if (!this.chosen.has(id)) this.remove(id);
+    const missing = [...this.chosen].filter((id) => this.quantities.has(id) && !this.strips.has(id));
+    const curves = await Promise.all(missing.map((id) => this.curves(id)));
+    missing.forEach((id, place) => this.add(id, curves[place]));
+    drawAll(missing.map((id) => this.strips.get(id)));
+    this.changed();
+  }
+
+  async curves(id) {
+    const curves = await Promise.all(this.recordings.map(async (run) => ({
+      name: run.name, colour: run.colour ?? run.data.colour, dash: run.data.dash, ...(await run.curve(id)),
+    })));
+    return curves.filter(({ x }) => x?.length);
+  }
+
+  add(id, series) {
+    const { label, unit } = this.quantities.get(id);
     const figure = tag("figure", "strip", this.place);
     figure.id = `strip-${id}`;
     const title = `${label}${unit ? ` (${unit})` : ""}`;
     const plot = new Plot(figure, { ...STRIP, title, series });
-    const close = pushButton(figure.querySelector("figcaption"), "×", () => this.enqueue(() => this.remove(id)));
+    const close = pushButton(figure.querySelector("figcaption"), "×", () => this.choose(id, false));
     close.setAttribute("aria-label", `remove ${title}`);
     plot.u.over.addEventListener("click", (event) => {
       const wanted = event.shiftKey ? { A: "B", B: "A" }[this.next] : this.next;
@@ -124,20 +144,15 @@ class Workbench {
       this.turn({ A: "B", B: "A" }[wanted]);
     });
     this.strips.set(id, plot);
-    plot.draw();
-    this.changed();
   }
 
   remove(id) {
-    const plot = this.strips.get(id);
-    if (!plot) return;
+    this.strips.get(id).remove();
     this.strips.delete(id);
-    plot.remove();
-    this.changed();
   }
 
   changed() {
-    for (const box of this.list.querySelectorAll("input")) box.checked = this.strips.has(box.value);
+    for (const box of this.list.querySelectorAll("input")) box.checked = this.chosen.has(box.value);
     this.read();
     this.keep();
   }
@@ -168,7 +183,7 @@ class Workbench {
   read() {
     const { A, B } = this.cursors;
     const difference = A === null || B === null ? NaN : B - A;
-    for (const [name, value] of [["difference", difference], ["rate", 1 / difference]]) {
+    for (const [name, value] of [["difference", difference], ["rate", 1 / Math.abs(difference)]]) {
       document.querySelector(`[data-cursors=${name}]`).textContent = readable(value);
     }
     this.readings.replaceChildren();
@@ -218,9 +233,8 @@ class Workbench {
   async renew() {
     this.offer();
     await this.showWhole();
-    const chosen = [...this.strips.keys()];
-    for (const id of chosen) this.remove(id);
-    for (const id of chosen) await this.add(id);
+    for (const id of [...this.strips.keys()]) this.remove(id);
+    await this.showChosen();
     setRange(shared.range);
     this.frameList.offer(this.recordings);
     this.showCursors();
@@ -252,12 +266,13 @@ class Workbench {
       const chosen = state.has("s") || state.has("t") ? (state.get("s") ?? "").split(",") : this.book.chosen;
       for (const id of [...this.strips.keys()]) this.remove(id);
       this.cursors = { A: instant("a") ?? (state.has("b") ? null : this.book.start), B: instant("b") };
-      for (const id of chosen) await this.add(id);
+      this.chosen = new Set(chosen);
+      await this.showChosen();
       const range = (state.get("t") ?? "").split(",").map(Number);
       setRange(range.length === 2 && range[0] < range[1] ? range : null);
       this.frameList.offer(this.recordings);
       this.frameList.restore(state);
-      this.turn(this.cursors.A === null || this.cursors.B !== null ? "A" : "B");
+      this.turn("A");
       this.showCursors();
       await this.frameList.show(this.cursors.A ?? this.cursors.B ?? this.book.start);
       this.restoring = false;
