@@ -16,14 +16,16 @@ from canroll.reaction.fault_codes import FAULT_CODES
 from canroll.reaction.reaction import mode_changes
 from canroll.report.columns import column, every, instants, packed_bytes, payloads
 from canroll.report.curves import MOMENT, CurveQuantity, Shown, transfer
+from canroll.report.handling import derived
 from canroll.runs.metrics import has_wheel_loads
-from canroll.runs.result import Result
+from canroll.runs.result import Result, Settings
 from canroll.runs.trace import TICK, Trace
 from dbc.reader import network
 from plant_sim.can_bus.kernel.layout import DELIVERED, OUTCOMES
 from plant_sim.can_bus.wire.frame import EXTENDED
 from plant_sim.world.recording import unit
 from plant_sim.world.spool import Table, blocks, pieces, row_count
+from vehicles.actuators import ACTUATORS
 
 VERSION = 1
 """Of the data, so that a page refuses those of a page with others."""
@@ -67,7 +69,7 @@ def workbench(result: Result, runs: Sequence[Shown], title: str, start: float) -
         "title": title,
         "start": start,
         "chosen": list(CHOSEN),
-        "runs": [_run(run, messages) for run in runs],
+        "runs": [_run(run, messages, result.settings) for run in runs],
         "messages": messages,
         "outcomes": list(OUTCOMES),
         "events": [event for run in runs if run.controlled for event in events(run.trace.ticks)],
@@ -79,25 +81,29 @@ def workbench(result: Result, runs: Sequence[Shown], title: str, start: float) -
     }
 
 
-def _run(run: Shown, described: Collection[str]) -> dict[str, Any]:
+def _run(run: Shown, described: Collection[str], settings: Settings) -> dict[str, Any]:
     return {
         "name": run.name,
         "colour": run.colour,
         "dash": run.dash,
-        "signals": _signals(run.trace),
+        "signals": _signals(run.trace, settings),
         "ticks": _ticks(run.trace.ticks),
         **_frames(run.trace.frames, described),
     }
 
 
-def _signals(trace: Trace) -> dict[str, Any]:
+def _signals(trace: Trace, settings: Settings) -> dict[str, Any]:
     """Return time and all signals, with a few quantities derived from them."""
     stride = -(-row_count(trace.signals) // INSTANTS_MAX)
-    made = {"moment": (MOMENT, "N·m")}
+    commanded = unit_of_command(settings.actuator, settings.command)
+    made = {"moment": (MOMENT, "N·m"), **derived(settings.vehicle)}
     if has_wheel_loads(trace):
         made |= {f"load_transfer_{axle}": (transfer(axle), "") for axle in ("front", "rear")}
     plain = {
-        name: (CurveQuantity((name,), lambda values: values), unit(name))
+        name: (
+            CurveQuantity((name,), lambda values: values),
+            commanded if name.startswith("demand_") else unit(name),
+        )
         for name in trace.signals
         if name != "time"
     }
@@ -107,6 +113,13 @@ def _signals(trace: Trace) -> dict[str, Any]:
         parts = (quantity.of(*piece) for piece in pieces(trace.signals, *quantity.signals))
         curves[name] = _curve(name, every(parts, stride), si)
     return {"time": instants(times), "every": stride, "curves": curves}
+
+
+def unit_of_command(actuator: str, message: str) -> str:
+    """Return the unit of what a message commands an actuator: that of its signals."""
+    first = next(each.first for each in ACTUATORS[actuator].commands if each.message == message)
+    given = dbc.load().get_message_by_name(message).get_signal_by_name(first).unit or ""
+    return given.replace("Nm", "N·m")
 
 
 def _curve(name: str, values: NDArray[np.float64], si: str) -> dict[str, Any]:

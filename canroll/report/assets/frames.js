@@ -5,6 +5,7 @@ const AROUND = 12;
 
 class FrameList {
   constructor(section, changed) {
+    section.open = !matchMedia("(max-width: 640px)").matches;
     this.rows = section.querySelector("tbody");
     this.note = section.querySelector(".until");
     this.choice = section.querySelector("select");

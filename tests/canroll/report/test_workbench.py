@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,11 +10,13 @@ from cantools.database import DecodeError
 from support.chromium import tab
 
 import dbc
+from canroll.report.handling import derived
 from canroll.report.run_page import run_page
-from canroll.report.workbench import FRAMES_MAX, INSTANTS_MAX, events
+from canroll.report.workbench import FRAMES_MAX, INSTANTS_MAX, events, unit_of_command
 from canroll.runs import experiment
 from canroll.runs.trace import TICK
 from plant_sim.can_bus.kernel.layout import DELIVERED
+from vehicles.suspensions.tables import AxleTables, SteeringSystem, VehicleTables
 
 pytestmark = pytest.mark.slow
 
@@ -95,6 +98,68 @@ def test_a_signal_is_searched_and_chosen(opened, result):
     assert "ay (m/s²)" not in strips(opened)
 
 
+def test_signals_ticked_quickly_all_come(opened):
+    boxes = "[...document.querySelectorAll('.finder li input')]"
+    opened.ask(f"{boxes}.slice(0, 40).map((box) => box.click())")
+    opened.ask("bench.queue.then(() => 1)")
+    # two of them were there and go, the moment stays
+    assert len(strips(opened)) == 39 and "x (m)" in strips(opened)
+    opened.ask(f"[0, 0, 0].map(() => {boxes}[0].click())")
+    opened.ask("bench.queue.then(() => 1)")
+    assert "x (m)" not in strips(opened)
+    ticked = opened.ask(f"{boxes}.filter((box) => box.checked).length")
+    assert ticked == len(strips(opened)) == 38
+
+
+def test_handling_signals_are_those_of_the_path_of_each_axle(opened, result):
+    vehicle, signals = result.settings.vehicle, result.controlled.signals
+    geometry = vehicle.geometry
+    time, x, y, yaw, steer = (signals[name] for name in ("time", "x", "y", "yaw", "steer"))
+
+    def course(ahead):
+        along = np.gradient(x + ahead * np.cos(yaw), time)
+        return np.arctan2(np.gradient(y + ahead * np.sin(yaw), time), along) - yaw
+
+    front, rear = course(geometry.cg_to_front_axle), course(-geometry.cg_to_rear_axle)
+    wanted = {
+        "sideslip": course(0.0),
+        "slip_angle_front": steer - front,
+        "slip_angle_rear": -rear,
+        "understeer_angle": steer - np.arctan(np.tan(front) - np.tan(rear)),
+    }
+    for name, angle in wanted.items():
+        choose(opened, name.replace("_", " "), name)
+        assert strips(opened)[-1] == f"{name.replace('_', ' ')} (deg)"
+        _, found = curves(opened, name)["with control"]
+        assert np.allclose(found[1:-1], DEGREES * angle[1:-1], atol=0.01)
+        assert np.ptp(found) > 0.1
+    choose(opened, "steering wheel", "steering_wheel_angle")
+    _, wheel = curves(opened, "steering_wheel_angle")["with control"]
+    _, sent = decoded(result.controlled, "VehicleMotion", "SteeringWheelAngle").T
+    assert np.abs(wheel).max() == pytest.approx(np.abs(sent).max(), rel=0.03)
+
+
+def test_no_slip_angles_where_tables_turn_the_wheels(result):
+    vehicle = result.settings.vehicle
+    turned = VehicleTables(front=AxleTables(steering_system=SteeringSystem(1.0, 1.0)))
+    assert "slip_angle_rear" in derived(vehicle)
+    assert not [name for name in derived(replace(vehicle, axles=turned)) if "slip_angle" in name]
+
+
+@pytest.mark.parametrize(
+    ("actuator", "message", "unit"),
+    [
+        ("bars", "AntiRollBarCommand", "N·m"),
+        ("suspension", "SuspensionForceCommand", "N"),
+        ("dampers", "DamperCommand", "mA"),
+        ("dampers", "SuspensionForceCommand", "N"),
+        ("valves", "ValveCommand", "mA"),
+    ],
+)
+def test_a_demand_has_the_unit_of_its_command(actuator, message, unit):
+    assert unit_of_command(actuator, message) == unit
+
+
 @pytest.mark.parametrize("name", ["roll", "moment", "mode", "fault_codes", "gyro_bias"])
 def test_what_the_ecu_computed_can_be_chosen(opened, result, name):
     choose(opened, f"ecu {name.replace('_', ' ')}", f"ecu.{name}")
@@ -172,13 +237,15 @@ def test_two_cursors_show_values_and_differences(opened, result):
 
 def test_clicks_place_one_cursor_after_the_other(opened):
     width = opened.ask("shared.window[1]")
-    opened.click("[data-cursor=A]")
     opened.click("#strip-roll .u-over", 0.25)
     opened.click("#strip-moment .u-over", 0.75)
     a, b = opened.ask("[bench.cursors.A, bench.cursors.B]")
     assert a == pytest.approx(0.25 * width, abs=0.02) and b == pytest.approx(0.75 * width, abs=0.02)
     opened.click("#strip-roll .u-over", 0.5)
     assert opened.ask("bench.cursors.A") == pytest.approx(0.5 * width, abs=0.02)
+    opened.write("input[data-instant=A]", "3.75")
+    opened.write("input[data-instant=B]", "2.5")
+    assert opened.ask("document.querySelector('[data-cursors=rate]').textContent") == "0.800"
 
 
 def test_a_drag_zooms_and_places_no_cursor(opened):
@@ -354,6 +421,11 @@ def test_a_phone_shows_the_workbench(path):
         # a label of the figures takes two lines of 1.5 times the letters at most
         heights = browser.ask(f"{label}.map((row) => row.cells[0].clientHeight)")
         assert max(heights) < 3 * 1.5 * 13.4
+        height = "document.querySelector('.frames').clientHeight"
+        assert browser.ask(height) < 50
+        browser.click(".frames summary")
+        assert browser.ask(height) > 1000
+        assert browser.ask("document.documentElement.scrollWidth") <= 390
         assert browser.errors == []
 
 
