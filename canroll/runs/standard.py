@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from math import isfinite
+from math import isfinite, sqrt
 from typing import Any
 
 import numpy as np
 
 from canroll.runs.limit_cycle import LimitCycle
-from canroll.runs.metrics import LEAST_ROLL_DEG, METRICS, Metrics, helps
+from canroll.runs.metrics import BY_KEY, LEAST_ROLL_DEG, METRICS, Metric, Metrics, helps
 from canroll.runs.trace import Trace
 from plant_sim.driving import standards
 from plant_sim.driving.maneuvers import Maneuver
@@ -18,6 +18,9 @@ from vehicles import Vehicle
 
 WORSE = 1.05
 """Ratio of a metric with control to that without, above which it is a side effect."""
+FELT = 0.015 / sqrt(2)
+"""RMS of the vertical acceleration weighted by W_k that half of alert people just feel, m/s²: a
+sine with the peak of ISO 2631-1:1997, C.3."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,11 +129,25 @@ class StandardOutcome:
             for each in METRICS
             if each.paid
         ]
-        return tuple(
-            f"{each.label} {after:.{each.digits}f} instead of {before:.{each.digits}f} {each.unit}"
-            for each, after, before in paid
-            if after > WORSE * before
-        )
+        lifts = _lifts(active) and not _lifts(passive)
+        worse = [_instead(*values) for values in paid if values[1] > WORSE * values[2]]
+        return (*worse, *["a wheel leaves the road, which none of the passive car does"] * lifts)
+
+    @property
+    def wheels(self) -> str:
+        """That control keeps all wheels on the road, if only it does; else empty."""
+        keeps = self.controlled is not None and _lifts(self.passive) and not _lifts(self.controlled)
+        return "; keeps the wheels on the road, which the passive car does not" if keeps else ""
+
+    @property
+    def ride(self) -> str:
+        """The vertical ride where control makes it worse by more than 5 % and that is felt."""
+        each = BY_KEY["ride_vertical_ms2"]
+        after, before = (getattr(run, each.key, None) for run in (self.controlled, self.passive))
+        if after is None or before is None or after <= max(WORSE * before, FELT):
+            return ""
+        change = f" ({100 * (after / before - 1):+.0f} %)" if before else ""
+        return f"; {_instead(each, after, before)}{change}"
 
     @property
     def good(self) -> bool | None:
@@ -156,6 +173,7 @@ class StandardOutcome:
         )
         if self.reduction is not None:
             angle += f" ({-100 * self.reduction:+.0f} %)".replace("-", "−")
+        angle += self.wheels
         if active.rollover:
             does = "does not prevent the" if passive.rollover else "causes a"
             return f"Control {does} rollover: {angle}"
@@ -173,7 +191,7 @@ class StandardOutcome:
             if active.roll_rms_deg >= passive.roll_rms_deg:
                 rms = f"{active.roll_rms_deg:.3g}° instead of {passive.roll_rms_deg:.3g}°"
                 grounds = f"RMS roll angle not reduced, {rms}; {angle}"
-        return self._judged(headline, grounds, self.standard.controlled)
+        return self._judged(headline, grounds + self.ride, self.standard.controlled)
 
     @property
     def fails_standard(self) -> bool:
@@ -243,6 +261,16 @@ def lines(standard: Standard) -> Sequence[str]:
     """Return the verdicts as lines for a terminal; none if nothing was judged."""
     runs = [f"  {name:<10}  {sentence(judged)}" for name, judged in standard.runs()]
     return [standard.name, *runs] if runs else []
+
+
+def _lifts(run: Metrics) -> bool:
+    """Whether a wheel leaves the road; a plant without wheel loads does not say so."""
+    return any(load is not None and load >= 1 for load in (run.nlt_front_max, run.nlt_rear_max))
+
+
+def _instead(metric: Metric, after: float, before: float) -> str:
+    digits = metric.digits
+    return f"{metric.label} {after:.{digits}f} instead of {before:.{digits}f} {metric.unit}"
 
 
 def _number(value: float) -> str:

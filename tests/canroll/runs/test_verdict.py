@@ -49,6 +49,36 @@ def test_a_worse_roll_rate_makes_the_verdict_mixed(short):
     assert "roll rate max" in rough.verdict and "roll rate RMS" not in rough.verdict
 
 
+def test_wheels_on_the_road_are_said(short):
+    lifted = replace(short.passive_metrics, nlt_front_max=0.9, nlt_rear_max=1.0)
+    kept = "keeps the wheels on the road, which the passive car does not"
+    assert kept in replace(short, passive_metrics=lifted).verdict and kept not in short.verdict
+    both = with_control(replace(short, passive_metrics=lifted), nlt_front_max=1.0)
+    assert kept not in both.verdict and "a wheel leaves" not in both.verdict
+    only = with_control(short, nlt_front_max=1.0)
+    assert only.verdict.startswith("Mixed: ") and "a wheel leaves the road" in only.verdict
+    unknown = replace(short.passive_metrics, nlt_front_max=None, nlt_rear_max=None)
+    assert kept not in replace(short, passive_metrics=unknown).verdict
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        (0.100, 0.127, "; ride vertical 0.127 instead of 0.100 m/s² (+27 %)"),
+        (0.100, 0.104, ""),
+        # nobody feels 0.010 m/s²
+        (0.004, 0.010, ""),
+        (0.0, 0.02, "; ride vertical 0.020 instead of 0.000 m/s²"),
+        (None, None, ""),
+    ],
+)
+def test_a_worse_ride_that_is_felt_is_said(short, before, after, words):
+    passive = replace(short.passive_metrics, ride_vertical_ms2=before)
+    said = with_control(replace(short, passive_metrics=passive), ride_vertical_ms2=after).verdict
+    assert said.startswith("Control helps: ")
+    assert said.endswith(words) if words else "ride" not in said
+
+
 def test_a_rollover_never_helps(short):
     assert with_control(short, rollover=True).helps is False
 
