@@ -56,9 +56,9 @@ def show(result: Result) -> None:
     trigger = result.trigger
     age = result.can.age_ms
     console.print(
-        f"bus load {100 * result.can.load:.1f} %, commands in "
+        f"bus load {100 * result.can.load:.1f} %; commands in "
         f"{100 * trigger.transmission_rate:.1f} % of {trigger.samples} ticks"
-        + ("" if age is None else f", sample to force {age.mean:.2f} ms, at most {age.max:.2f}"),
+        + (f"; sample to force {age.mean:.2f} ms (max {age.max:.2f})" if age else ""),
         soft_wrap=True,
     )
     if (text := authentication_note(result)) is not None:

@@ -9,6 +9,7 @@ from canroll.report.figure import (
     DASH_DOTTED,
     DASHED,
     DOTTED,
+    OVERVIEW,
     POINTS_MAX,
     SOLID,
     Figure,
@@ -33,6 +34,8 @@ from vehicles import GRAVITY
 PASSIVE_COLOUR = 0
 CONES_COLOUR = 2
 LOAD_WINDOW = 0.1
+FIRST = ("roll", "moment", "ay")
+"""Plots that stand below the verdict."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +92,8 @@ def _over_time(
     runs: Sequence[Shown], id: str, title: str, ylabel: str, quantity: CurveQuantity
 ) -> Figure:
     curves = [Series(run.name, *quantity.curve(run.trace), run.colour, run.dash) for run in runs]
-    return Figure(id, title, "time (s)", ylabel, curves, unit="s")
+    group = OVERVIEW if id in FIRST else "motion"
+    return Figure(id, title, "time (s)", ylabel, curves, unit="s", group=group)
 
 
 def motion(runs: Sequence[Shown]) -> list[Figure]:
@@ -151,7 +155,7 @@ def control(runs: Sequence[Shown]) -> list[Figure]:
             "N·m",
             moments,
             unit="s",
-            group="control",
+            group=OVERVIEW,
             note="marks at the foot: commands put on the bus",
         )
     )
@@ -346,4 +350,6 @@ def _load(run: Shown, segment: int) -> tuple[Vector, Vector]:
 
 def all_figures(runs: Sequence[Shown], cones: Vector) -> list[Figure]:
     """Return every plot of the page, in order; ``cones`` as of :func:`path`."""
-    return [*motion(runs), *path(runs, cones), *control(runs), *bus(runs)]
+    figures = [*motion(runs), *path(runs, cones), *control(runs), *bus(runs)]
+    # those of FIRST in its order, then all others in theirs
+    return sorted(figures, key=lambda each: (*FIRST, each.id).index(each.id))

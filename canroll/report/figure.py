@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 POINTS_MAX = 4000
 POINTS_OF = {"line": POINTS_MAX, "step": 10 * POINTS_MAX, "marks": 10 * POINTS_MAX}
 """The most points of a curve, by kind: of a line those of one screen, of instants many."""
+OVERVIEW = "overview"
+"""The group of the figures below the verdict."""
 SOLID, DASHED, DOTTED, DASH_DOTTED = range(4)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from canroll.report.document import PLOT_STYLES, PLOTS, document
-from canroll.report.figure import Figure
+from canroll.report.figure import OVERVIEW, Figure
 
 GROUPS = {
     "motion": "Motion",
@@ -63,7 +63,8 @@ class Page:
 
     ``result`` is embedded whole and can be saved from it; ``groups`` are titles of further groups
     of figures; ``greyed``: its figures are meaningless, as the verdict on top explains;
-    ``workbench``: everything recorded, as :func:`canroll.report.workbench.workbench` returns it.
+    ``workbench``: everything recorded, as :func:`canroll.report.workbench.workbench` returns it;
+    ``foot``: tables that stand at the end, below the figures of the group that names them.
     """
 
     title: str
@@ -79,6 +80,7 @@ class Page:
     groups: Mapping[str, str] = field(default_factory=dict)
     greyed: bool = False
     workbench: Mapping[str, object] | None = None
+    foot: Mapping[str, Sequence[PageTable]] = field(default_factory=dict)
 
 
 def _words(table: PageTable) -> list[bool]:
@@ -88,6 +90,10 @@ def _words(table: PageTable) -> list[bool]:
         any(isinstance(c, str) and len(c) > WORDS and not NUMBER.match(c) for c in column)
         for column in columns
     ]
+
+
+def _laid_out(tables: Sequence[PageTable]) -> list[tuple[PageTable, list[bool], bool]]:
+    return [(table, _words(table), _is_wide(table)) for table in tables]
 
 
 def _is_wide(table: PageTable) -> bool:
@@ -121,8 +127,10 @@ def render(page: Page) -> str:
         data={"result": page.result, "data": data},
         page=page,
         mark={True: "good", False: "bad", None: "none"}[page.verdict.good],
-        tables=[(table, _words(table), _is_wide(table)) for table in page.tables],
+        tables=_laid_out(page.tables),
+        foot={group: _laid_out(tables) for group, tables in page.foot.items()},
         chapters=[table.chapter for table in page.tables if table.chapter],
+        overview=OVERVIEW if any(figure.group == OVERVIEW for figure in page.figures) else "",
         among=any(table.group for table in page.tables),
         groups=_groups(page),
         anchor=_anchor,

@@ -1,6 +1,7 @@
 """The report page of one run, in virtual or real time."""
 
 import platform
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
@@ -11,6 +12,7 @@ from canroll.report.curves import Shown, all_figures
 from canroll.report.figure import Figure, Series, histogram, pack
 from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
 from canroll.report.tables import (
+    RUN_NAMES,
     authentication_note,
     can_rows,
     metric_head,
@@ -37,9 +39,8 @@ NLT = (
     "wheel in the air."
 )
 NO_ROLL = (
-    f"{NLT} No roll at all: load transfer that remains with the body upright. Roll control cannot "
-    "reduce it further, because the tyres must carry the lateral acceleration in any case. Blank "
-    "on banked or uneven roads and with a wheel in the air, where it is undefined."
+    f"{NLT} No roll at all: load transfer of a rigid body, the least that any roll control can "
+    "reach. Blank on banked or uneven roads and with a wheel in the air, where it is undefined."
 )
 PLAYBACK_STEP = 0.02
 """Least time between two pictures of the playback, s."""
@@ -63,9 +64,21 @@ def shown(result: Result) -> list[Shown]:
 
 
 def verdict(result: Result) -> PageVerdict:
-    """Return the verdict on top: headline and grounds."""
+    """Return the verdict on top: headline, grounds, and whether the runs meet the standard."""
     headline, _, text = result.verdict.partition(": ")
-    return PageVerdict(result.good, headline, text[:1].upper() + text[1:])
+    met: dict[str, list[str]] = {"met": [], "not met": []}
+    for name, judged in () if result.not_valid else reversed(result.standard.runs()):
+        met["met" if judged.passed else "not met"].append(RUN_NAMES[name])
+    parts = ", ".join(f"{word} {' and '.join(runs)}" for word, runs in met.items() if runs)
+    standard = f". {result.standard.name}: {parts}." if parts else ""
+    return PageVerdict(result.good, headline, text[:1].upper() + text[1:] + standard)
+
+
+def name_and_note(title: str) -> tuple[str, str]:
+    """Return a vehicle's title up to its first comma outside brackets, and what follows."""
+    matched = re.match(r"((?:\([^)]*\)|[^,])*)(?:, *(.*))?", title, re.DOTALL)
+    assert matched is not None
+    return matched[1], matched[2] or ""
 
 
 def parameters(result: Result) -> list[tuple[str, str]]:
@@ -144,19 +157,21 @@ def run_page(result: Result) -> str:
     head = metric_head(result, "without control", "with control")
     rows: list[tuple[str | Cell, ...]] = [(row.name, *row.numbers) for row in metric_rows(result)]
     judged = [] if result.not_valid else standard_rows(result)
+    reaction = reaction_tables(result)
     tables = [
         PageTable("Figures", head, rows, f"{NO_ROLL} {replay_note(result)}".strip()),
         *([PageTable(result.standard.name, STANDARD_HEAD, judged)] if judged else []),
-        PageTable(
-            "Times on the bus",
-            ("", "least", "mean", "most"),
-            [(row.name, *row.numbers) for row in can_rows(result)],
-            rates,
-        ),
-        *reaction_tables(result),
+        *reaction[1:],
         *([timing_table(result.timing)] if result.timing else []),
     ]
+    times = PageTable(
+        "Times on the bus",
+        ("", "least", "mean", "most"),
+        [(row.name, *row.numbers) for row in can_rows(result)],
+        rates,
+    )
     scenario = settings.scenario.replace("_", " ")
+    name, note = name_and_note(settings.vehicle.title)
     cones = cones_of(settings.scenario, settings.vehicle)
     subtitle = (
         f"{settings.vehicle_name} at {settings.speed * 3.6:.0f} km/h, "
@@ -164,8 +179,8 @@ def run_page(result: Result) -> str:
     )
     return render(
         Page(
-            title=f"{scenario[:1].upper()}{scenario[1:]}, {settings.vehicle.title}",
-            subtitle=subtitle,
+            title=f"{scenario[:1].upper()}{scenario[1:]}, {name}",
+            subtitle=f"{note[:1].upper()}{note[1:]}. {subtitle}" if note else subtitle,
             verdict=verdict(result),
             warnings=result.warnings,
             tables=tables,
@@ -178,6 +193,7 @@ def run_page(result: Result) -> str:
             provenance=provenance(result),
             result=result.to_json(),
             greyed=bool(result.not_valid),
+            foot={"bus": [times, *reaction[:1]]},
             workbench=workbench(result, runs, f"{scenario}, {subtitle}", start),
         )
     )

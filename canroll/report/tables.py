@@ -12,6 +12,7 @@ from canroll.runs.result import Result
 from canroll.runs.standard import limit, measured
 
 NOTHING = Cell("")
+RUN_NAMES = {"passive": "without control", "controlled": "with control"}
 
 WRONG_SIDE = (
     "Wrong side: moment of the actuators that pushes the body outwards in a curve. Harmful: more "
@@ -97,15 +98,14 @@ def replay_note(result: Result) -> str:
     first, second = result.passive.signals["steer"], result.controlled.signals["steer"]
     if not np.array_equal(first, second):
         return ""
-    return "Control does not change the steering: a replay of it is the controlled run."
+    return "Control does not change the steering: no replay, as it would equal the controlled run."
 
 
 def standard_rows(result: Result) -> list[tuple[str | Cell, ...]]:
     """Return a row per criterion and run: run, criterion, clause, measured, limit, verdict."""
-    names = {"passive": "without control", "controlled": "with control"}
     return [
         (
-            names[run],
+            RUN_NAMES[run],
             verdict.criterion,
             verdict.clause,
             measured(verdict),
@@ -155,7 +155,7 @@ def reaction_tables(result: Result) -> list[PageTable]:
         for i, seen in enumerate(reaction.codes)
     ]
     wrong = number(reaction.wrong_side_max_nm, 0, "reaction.wrong_side_max_nm")
-    longest = number(reaction.wrong_side_s, 2, "reaction.wrong_side_s")
+    longest = number(reaction.wrong_side_s, 3, "reaction.wrong_side_s")
     head = ("", "largest (N·m)", f"longest over {WRONG_MOMENT:.0f} N·m (s)")
     return [
         PageTable("Modes and fault codes", ("", "from (s)", "to (s)"), rows),

@@ -9,6 +9,7 @@ import subprocess
 from contextlib import contextmanager
 from dataclasses import replace
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,11 +17,13 @@ from support.chromium import tab
 
 from canroll.report.figure import Series, distribution, histogram, thin
 from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
-from canroll.report.run_page import run_page, timing_figures
+from canroll.report.run_page import name_and_note, run_page, timing_figures, verdict
 from canroll.report.tables import reaction_tables
 from canroll.runs import experiment
+from canroll.runs.standard import Standard, StandardJudgement
 from hil.timing import histogram as time_histogram
 from hil.timing import quantiles
+from plant_sim.driving.standards import Verdict
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 FLAGS = [
@@ -55,6 +58,44 @@ def test_moments_do_not_stand_in_a_column_of_times(result):
     assert moments.head[1:] == ("largest (N·m)", "longest over 500 N·m (s)")
     wanted = ["reaction.wrong_side_max_nm", "reaction.wrong_side_s"]
     assert [cell.key for cell in moments.rows[0][1:]] == wanted
+
+
+def test_a_time_of_a_millisecond_is_not_rounded_away(result):
+    short = replace(result.reaction, wrong_side_max_nm=518.0, wrong_side_s=0.001)
+    _, moments = reaction_tables(SimpleNamespace(reaction=short))
+    assert [cell.text for cell in moments.rows[0][1:]] == ["518", "0.001"]
+
+
+@pytest.mark.parametrize(
+    ("title", "parts"),
+    [
+        ("Laden panel van, complete and plausible data", ("Laden panel van", "complete and pl")),
+        ("golf, based on van_real", ("golf", "based on van_real")),
+        ("Van of a paper (Redondo, Boada, Díaz 2021)", ("Van of a paper (Redondo, Bo", "")),
+        ("Car (Vu 2020), made possible, fitted", ("Car (Vu 2020)", "made possible, fitted")),
+        ("Van (2 t, red", ("Van (2 t", "red")),
+    ],
+)
+def test_a_note_is_no_part_of_the_headline(title, parts):
+    name, note = name_and_note(title)
+    assert name.startswith(parts[0]) and note.startswith(parts[1])
+    assert title == (f"{name}, {note}" if note else name)
+
+
+@pytest.mark.parametrize(
+    ("passive", "controlled", "words"),
+    [
+        (True, True, "x: met with control and without control."),
+        (False, True, "x: met with control, not met without control."),
+        (False, False, "x: not met with control and without control."),
+    ],
+)
+def test_the_verdict_has_that_of_the_standard(result, passive, controlled, words):
+    judged = [
+        StandardJudgement((Verdict("c", "4", 0.0, 0.0, "", passed),))
+        for passed in (passive, controlled)
+    ]
+    assert verdict(replace(result, standard=Standard("x", *judged))).text.endswith(words)
 
 
 @pytest.fixture(scope="module")
@@ -121,8 +162,12 @@ def test_the_page_needs_nothing_from_outside(page):
     assert "@import" not in page and "url(http" not in page
 
 
-def test_verdict_comes_first_and_provenance_last(page, result):
-    order = [page.index(text) for text in ('class="verdict', "<h2>Figures", "<h2>Provenance")]
+def test_verdict_comes_first_then_curves_and_the_bus_at_the_foot(page, result):
+    parts = (
+        *('class="verdict', '<div class="grid" data-figures="overview"', "<h2>Figures", "<h2>Bus"),
+        *("<h3>Times on the bus", "<h3>Modes and fault codes", "<h2>Parameters", "<h2>Provenance"),
+    )
+    order = [page.index(text) for text in parts]
     assert order == sorted(order)
     assert result.settings.vehicle.basis in page
 
@@ -158,6 +203,8 @@ def test_every_plot_is_drawn(browser):
         "bus-load", "response", "age",
     }  # fmt: skip
     assert set(drawn) == expected
+    top = document.partition('data-figures="overview"')[2].partition("<h2>")[0]
+    assert re.findall(r'id="figure-([\w-]+)"', top) == ["roll", "moment", "ay"]
     assert all(int(count) > 0 for count in drawn.values()), drawn
     assert int(drawn["roll"]) > 400
 
