@@ -6,8 +6,7 @@ angle is positive where the wheels point to the left of their way, so that its f
 
 import numpy as np
 
-from canroll.report.curves import CurveQuantity
-from canroll.typing import Vector
+from canroll.report.curves import CurveQuantity, signal
 from vehicles import Vehicle
 
 
@@ -16,32 +15,22 @@ def derived(vehicle: Vehicle) -> dict[str, tuple[CurveQuantity, str]]:
 
     No slip angles where tables of the axles turn the wheels by more than the steering's ratio.
     """
-    geometry, axles = vehicle.geometry, vehicle.axles
-
-    def sideslip(vx: Vector, vy: Vector) -> Vector:
-        return np.arctan2(vy, vx)
-
-    def slip_front(steer: Vector, vx: Vector, vy: Vector, yaw_rate: Vector) -> Vector:
-        return steer - np.arctan2(vy + geometry.cg_to_front_axle * yaw_rate, vx)
-
-    def slip_rear(vx: Vector, vy: Vector, yaw_rate: Vector) -> Vector:
-        return -np.arctan2(vy - geometry.cg_to_rear_axle * yaw_rate, vx)
-
-    def understeer(steer: Vector, vx: Vector, yaw_rate: Vector) -> Vector:
-        return steer - np.arctan2(geometry.wheelbase * yaw_rate, vx)
-
-    def steering_wheel(steer: Vector) -> Vector:
-        return steer * vehicle.steering.ratio
-
-    motion = ("vx", "vy", "yaw_rate")
+    ahead, behind = vehicle.geometry.cg_to_front_axle, vehicle.geometry.cg_to_rear_axle
+    axles, motion = vehicle.axles, ("vx", "vy", "yaw_rate")
     quantities = {
-        "steering_wheel_angle": CurveQuantity(("steer",), steering_wheel),
-        "sideslip": CurveQuantity(("vx", "vy"), sideslip),
-        "understeer_angle": CurveQuantity(("steer", "vx", "yaw_rate"), understeer),
+        "steering_wheel_angle": signal("steer", vehicle.steering.ratio),
+        "sideslip": CurveQuantity(("vx", "vy"), lambda vx, vy: np.arctan2(vy, vx)),
+        "understeer_angle": CurveQuantity(
+            ("steer", "vx", "yaw_rate"),
+            lambda steer, vx, rate: steer - np.arctan2((ahead + behind) * rate, vx),
+        ),
     }
     if axles is None or not (axles.moves_wheels or axles.front.steering):
-        quantities |= {
-            "slip_angle_front": CurveQuantity(("steer", *motion), slip_front),
-            "slip_angle_rear": CurveQuantity(motion, slip_rear),
-        }
+        quantities["slip_angle_front"] = CurveQuantity(
+            ("steer", *motion),
+            lambda steer, vx, vy, rate: steer - np.arctan2(vy + ahead * rate, vx),
+        )
+        quantities["slip_angle_rear"] = CurveQuantity(
+            motion, lambda vx, vy, rate: np.arctan2(behind * rate - vy, vx)
+        )
     return {name: (quantity, "rad") for name, quantity in quantities.items()}
