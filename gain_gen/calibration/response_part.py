@@ -10,7 +10,14 @@ from math import pi
 from firmware import calibration as fw
 from gain_gen.calibration.rows import quantise, shares
 from gain_gen.models.task import Task
-from gain_gen.monitors.bank import LOW_PASS, MEAN, Residual, ticks_of
+from gain_gen.monitors.bank import (
+    LARGEST,
+    MEAN,
+    RESPONSE_LINEAR,
+    Residual,
+    low_pass_of,
+    ticks_of,
+)
 from gain_gen.monitors.linear_car import axle_forces, car_of, effective_inertia, rolled
 from gain_gen.monitors.noise import late
 from gain_gen.monitors.residuals import (
@@ -28,9 +35,6 @@ from vehicles.roll_stiffness import suspension_roll_stiffness
 
 Fields = dict[str, int | list[int]]
 
-RESPONSE_LINEAR = 10.0
-"""Lateral acceleration by yaw rate or steering, m/s², beyond which wheels lift and stops are
-reached."""
 LIMIT_SHARE = 0.75, 0.25
 """Of what the inertia takes and of the moments besides there: chosen from runs at the limit."""
 AXLES_REST = 0.003
@@ -40,18 +44,14 @@ AXLES_REST = 0.003
 def unwatched(vehicle: Vehicle) -> str:
     """Return why the moments on the body cannot be watched in fixed point; "" if they can.
 
-    The largest is the momentum over the low-pass of a body that swings, at its natural frequency,
-    by the steady roll at the largest lateral acceleration that is judged.
+    The largest is that of the largest lateral acceleration that is judged.
     """
-    roll = vehicle.design
-    swing = roll.natural_frequency * roll.roll_arm * RESPONSE_LINEAR / roll.effective_stiffness
-    largest = max(roll.roll_arm * RESPONSE_LINEAR, roll.roll_inertia * swing / LOW_PASS)
-    limit = fw.STATE_MAX * 2.0**-fw.Q_MOMENT
-    if largest <= limit:
+    largest = vehicle.design.roll_arm * RESPONSE_LINEAR
+    if largest <= LARGEST:
         return ""
     return (
-        f"the moments of a body with design.roll_inertia {roll.roll_inertia:g} kg·m² reach "
-        f"{1e-3 * largest:.0f} kN·m in the balance, above the {1e-3 * limit:.1f} kN·m of its "
+        f"the moments of a body with design m h = {vehicle.design.roll_arm:.0f} kg·m reach "
+        f"{1e-3 * largest:.0f} kN·m in the balance, above the {1e-3 * LARGEST:.1f} kN·m of its "
         "fixed-point format"
     )
 
@@ -105,7 +105,7 @@ def _rolling(task: Task, box: Uncertainty, gyro: tuple[Residual, Residual]) -> F
         for axle in range(2)
         for factors in vertices(box, ("tyre", "stiffness"))
     )
-    on_tyres = 1.0 / (LOW_PASS * sum(car.tyres))
+    on_tyres = 1.0 / (low_pass_of(task.vehicle) * sum(car.tyres))
     return {
         "rolling_min": round(largest * 2.0**fw.Q_RATE),
         "rolling_ticks": ticks_of(gyro[0].time, task.tick),
@@ -155,7 +155,7 @@ def _model(vehicle: Vehicle, tick: float) -> Fields:
         for share, track in zip(car.shares, car.tracks, strict=True)
     ]
     stretch = tick * car.stiffness / roll.roll_damping
-    inertia = effective_inertia(car, NOMINAL)
+    inertia, low_pass = effective_inertia(car, NOMINAL), low_pass_of(vehicle)
     return {
         "response_stroke": [coefficient(value, "response_stroke") for value in strokes],
         "response_rough": [
@@ -166,8 +166,8 @@ def _model(vehicle: Vehicle, tick: float) -> Fields:
         "response_fast": [coefficient(falls * value, "response_fast") for value in strokes],
         "response_stretch": quantise(stretch, 30, 0, fw.ONE, name="response_stretch"),
         "response_lateral": coefficient(roll.roll_arm, "response_lateral"),
-        "response_inertia": coefficient(inertia / LOW_PASS, "response_inertia"),
-        "response_pass": round(tick / LOW_PASS * fw.ONE),
+        "response_inertia": coefficient(inertia / low_pass, "response_inertia"),
+        "response_pass": round(tick / low_pass * fw.ONE),
         "response_mean": round(tick / MEAN * fw.ONE),
     }
 
@@ -202,7 +202,7 @@ def _axles(task: Task, box: Uncertainty, residual: Residual, by_lateral: float) 
         "axles_rough": coefficient(box.bump / task.tick, "axles_rough"),
         "axles_rear": quantise(scale[1], 28, 0, 4 << 28, name="axles_rear"),
         "axles_lateral": coefficient(lateral, "axles_lateral"),
-        "axles_yaw": coefficient(yaw / LOW_PASS, "axles_yaw"),
+        "axles_yaw": coefficient(yaw / low_pass_of(task.vehicle), "axles_yaw"),
     }
 
 

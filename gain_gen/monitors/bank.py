@@ -6,7 +6,10 @@ Chow and Willsky 1984, Gertler 1998).
 """
 
 from dataclasses import dataclass
-from math import ceil, inf, pi, pow
+from math import ceil, inf, log2, pi, pow
+
+from firmware import calibration as fw
+from vehicles import Vehicle
 
 DIRECT, INTEGRAL, DERIVATIVE, STEP = "direct", "integral", "derivative", "step"
 """Kinds of parts; "step" is the mean magnitude of a signal's steps."""
@@ -18,9 +21,14 @@ SIGNALS = (
 moments (N·m), lateral acceleration as measured, as yaw rate × speed and as steering and speed give
 it (m/s²), roll rate, yaw rate (rad/s)."""
 LOW_PASS = 0.05
-"""Time constant of the low-pass, s."""
-FADING = 8.0 * LOW_PASS
-"""Time in which a threshold fades, s, but where a residual says otherwise."""
+"""Time constant of the low-pass, s; that by the suspensions is longer for a heavy body."""
+LARGEST = fw.STATE_MAX * 2.0**-fw.Q_MOMENT
+"""The format's largest moment, N·m."""
+RESPONSE_LINEAR = 10.0
+"""Lateral acceleration by yaw rate or steering, m/s², beyond which wheels lift and stops are
+reached."""
+FADING = 8.0
+"""Time constants of the low-pass in which a threshold fades, where a residual says nothing else."""
 MEAN = 10.24
 """Time over which the mean magnitude of steps is taken, s."""
 TRUST = 2.0**-11
@@ -78,7 +86,7 @@ class Residual:
     floor: float
     time: float
     limit: float = inf
-    fading: float = FADING
+    fading: float = FADING * LOW_PASS
     noisy: float = 0.0
 
 
@@ -99,3 +107,15 @@ def weight(of_10_ms: float, period: float) -> float:
 def ticks_of(time: float, tick: float) -> int:
     """Return the least number of ticks that last ``time`` s, at least two."""
     return max(2, ceil(time / tick - 1e-6))
+
+
+def low_pass_of(vehicle: Vehicle) -> float:
+    """Return the time constant of a car's low-pass: doubled until its momentum over that fits.
+
+    The largest momentum is that of a body that swings, at its natural frequency, by the steady roll
+    at :data:`RESPONSE_LINEAR`. Over the inverse of that frequency it is the moment of that lateral
+    acceleration: where this fits, the time constant is at most two of the inverse.
+    """
+    roll = vehicle.design
+    swing = roll.natural_frequency * roll.roll_arm * RESPONSE_LINEAR / roll.effective_stiffness
+    return LOW_PASS * 2.0 ** max(0, ceil(log2(roll.roll_inertia * swing / LOW_PASS / LARGEST)))

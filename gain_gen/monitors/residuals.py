@@ -21,6 +21,7 @@ from gain_gen.monitors.bank import (
     Residual,
     ResidualPart,
     Term,
+    low_pass_of,
 )
 from gain_gen.monitors.linear_car import (
     Car,
@@ -96,14 +97,22 @@ class Builder:
         self.parts: dict[str, ResidualPart] = {}
         self.residuals: list[Residual] = []
         geometry = car.vehicle.geometry
-        self.body_time = 2.0 * LOW_PASS + self.tick
+        self.low_pass = low_pass_of(car.vehicle)
+        self.body_time = 2.0 * self.low_pass + self.tick
         self.axle_time = geometry.wheelbase / SLOWEST
         self.on_road = min(lifting(car)) / (1.0 + box.height)
 
-    def part(self, part: ResidualPart) -> str:
-        """Add a part; return its name."""
-        self.parts[part.name] = part
-        return part.name
+    def part(
+        self,
+        name: str,
+        kind: str,
+        gains: dict[str, float],
+        washout: float = 0.0,
+        low_pass: float | None = None,
+    ) -> str:
+        """Add a part, by default with the car's low-pass; return its name."""
+        self.parts[name] = ResidualPart(name, kind, gains, washout, low_pass or self.low_pass)
+        return name
 
     def residual(
         self,
@@ -113,9 +122,10 @@ class Builder:
         time: float,
         besides: float = 0.0,
         limit: float = inf,
-        fading: float = FADING,
+        fading: float = 0.0,
     ) -> None:
         """Add a residual, its floor that of the noise and a constant ``besides``."""
+        fading = fading or FADING * self.low_pass
         vehicle, box, tick = self.car.vehicle, self.box, self.tick
         noise = floor(self.parts, terms, vehicle=vehicle, box=box, tick=tick, time=time)
         noisy = raised(self.parts, terms, vehicle=vehicle, box=box, tick=tick, fading=fading)
@@ -140,66 +150,46 @@ class Builder:
         springs = car.stiffness * car.shares[0], car.stiffness * car.shares[1]
         inertia = deviation(lambda f: effective_inertia(car, f), box, ("mass", "height", "inertia"))
         side = deviation(lambda f: f.mass * f.height, box, ("mass", "height"))
-        j = effective_inertia(car, NOMINAL) / LOW_PASS
+        j = effective_inertia(car, NOMINAL) / self.low_pass
         lost = late(box, self.tick, SLOW)
         steps = self.part(
-            ResidualPart(
-                "steps of the springs", STEP, gains=self.strokes(springs, lost), low_pass=MEAN
-            )
+            "steps of the springs", STEP, gains=self.strokes(springs, lost), low_pass=MEAN
         )
         limit = off_stops(car, box)
         for name, washout in (("slow", SLOW), ("fast", FAST)):
             terms = [
                 Term(
                     self.part(
-                        ResidualPart(
-                            f"momentum, {name}", DERIVATIVE, gains={"roll_rate": j}, washout=washout
-                        )
+                        f"momentum, {name}", DERIVATIVE, gains={"roll_rate": j}, washout=washout
                     ),
                     1,
                     inertia,
                 ),
                 Term(
                     self.part(
-                        ResidualPart(
-                            f"springs, {name}",
-                            INTEGRAL,
-                            gains=self.strokes(springs),
-                            washout=washout,
-                        )
+                        f"springs, {name}", INTEGRAL, gains=self.strokes(springs), washout=washout
                     ),
                     1,
                     box.stiffness,
                 ),
                 Term(
                     self.part(
-                        ResidualPart(
-                            f"dampers, {name}",
-                            DIRECT,
-                            gains=self.strokes(car.dampers),
-                            washout=washout,
-                        )
+                        f"dampers, {name}", DIRECT, gains=self.strokes(car.dampers), washout=washout
                     ),
                     1,
                     box.damping,
                 ),
                 Term(
-                    self.part(
-                        ResidualPart(
-                            f"side, {name}", DIRECT, gains={"lateral": car.arm}, washout=washout
-                        )
-                    ),
+                    self.part(f"side, {name}", DIRECT, gains={"lateral": car.arm}, washout=washout),
                     -1,
                     side,
                 ),
                 Term(
                     self.part(
-                        ResidualPart(
-                            f"moments, {name}",
-                            DIRECT,
-                            gains={"moment_front": 1.0, "moment_rear": 1.0},
-                            washout=washout,
-                        )
+                        f"moments, {name}",
+                        DIRECT,
+                        gains={"moment_front": 1.0, "moment_rear": 1.0},
+                        washout=washout,
                     ),
                     -1,
                     box.moment,
@@ -224,24 +214,24 @@ class Builder:
         names = ("mass", "height", "stiffness", "speed")
         gain, m = tilted(car, NOMINAL), car.arm
         apart = deviation(lambda f: f.speed * tilted(car, f), box, names)
-        turn = self.part(ResidualPart("turn", DIRECT, gains={"turning": gain * m, "lateral": -m}))
-        turning = self.part(ResidualPart("turning", DIRECT, gains={"turning": gain * m}))
-        steer = self.part(ResidualPart("steer", DIRECT, gains={"steered": gain * m, "lateral": -m}))
-        angle = self.part(ResidualPart("steered", DIRECT, gains={"steered": gain * m}))
+        # by frames as they come, without the suspensions' low-pass
+        part = partial(self.part, low_pass=LOW_PASS)
+        turn = part("turn", DIRECT, gains={"turning": gain * m, "lateral": -m})
+        turning = part("turning", DIRECT, gains={"turning": gain * m})
+        steer = part("steer", DIRECT, gains={"steered": gain * m, "lateral": -m})
+        angle = part("steered", DIRECT, gains={"steered": gain * m})
         change = self.part(
-            ResidualPart(
-                "change of steering", DERIVATIVE, gains={"steered": gain * m}, low_pass=box.response
-            )
+            "change of steering", DERIVATIVE, gains={"steered": gain * m}, low_pass=box.response
         )
-        least = (box.sideslip + GRAVITY * sin(box.bank)) * m
+        least, fading = (box.sideslip + GRAVITY * sin(box.bank)) * m, FADING * LOW_PASS
         terms = [Term(turn, 1, 0.0), Term(turning, 0, apart)]
-        self.residual("turn", terms, time=LATERAL_TIME, besides=least, limit=LINEAR)
+        self.residual("turn", terms, time=LATERAL_TIME, besides=least, limit=LINEAR, fading=fading)
         terms = [
             Term(steer, 1, 0.0),
             Term(angle, 0, steering_deviation(car, box)),
             Term(change, 0, 1.0),
         ]
-        self.residual("steer", terms, time=LATERAL_TIME, besides=least, limit=LINEAR)
+        self.residual("steer", terms, time=LATERAL_TIME, besides=least, limit=LINEAR, fading=fading)
 
     def gyro(self, moments: bool) -> None:
         """Add the roll rate against that of each suspension.
@@ -252,36 +242,30 @@ class Builder:
         """
         car, box = self.car, self.box
         damping = car.vehicle.design.roll_damping
-        rate = self.part(ResidualPart("roll rate", DIRECT, gains={"roll_rate": damping}))
+        rate = self.part("roll rate", DIRECT, gains={"roll_rate": damping})
         per = [rolled(car, axle, NOMINAL) / car.tracks[axle] for axle in range(2)]
         apart = self.part(
-            ResidualPart(
-                "suspensions apart",
-                DIRECT,
-                gains={"stroke_front": damping * per[0], "stroke_rear": -damping * per[1]},
-            )
+            "suspensions apart",
+            DIRECT,
+            gains={"stroke_front": damping * per[0], "stroke_rear": -damping * per[1]},
         )
         terms = [Term(apart, 0, 1.0)]
         if moments:
-            tyres = damping / LOW_PASS
+            tyres = damping / self.low_pass
             moved = self.part(
-                ResidualPart(
-                    "moments on the tyres",
-                    DERIVATIVE,
-                    gains={
-                        "moment_front": tyres / car.tyres[0],
-                        "moment_rear": tyres / car.tyres[1],
-                    },
-                )
+                "moments on the tyres",
+                DERIVATIVE,
+                gains={
+                    "moment_front": tyres / car.tyres[0],
+                    "moment_rear": tyres / car.tyres[1],
+                },
             )
             terms.append(Term(moved, 0, 1.0))
         for axle, name in enumerate(("front", "rear")):
             difference = self.part(
-                ResidualPart(
-                    f"gyro less {name}",
-                    DIRECT,
-                    gains={"roll_rate": damping, f"stroke_{name}": -damping * per[axle]},
-                )
+                f"gyro less {name}",
+                DIRECT,
+                gains={"roll_rate": damping, f"stroke_{name}": -damping * per[axle]},
             )
             weight = deviation(partial(rolled, car, axle), box, ("tyre", "stiffness"))
             self.residual(
@@ -309,50 +293,31 @@ class Builder:
         lateral, yaw = axle_forces(vehicle, scale)
         by_lateral, by_moment = of_axles(car, box)
         stretch = self.part(
-            ResidualPart(
-                "suspensions and tyres apart",
-                INTEGRAL,
-                gains=self.strokes((springs[0] + tyre, -springs[1] - tyre)),
-                washout=AXLES,
-            )
+            "suspensions and tyres apart",
+            INTEGRAL,
+            gains=self.strokes((springs[0] + tyre, -springs[1] - tyre)),
+            washout=AXLES,
         )
         bump = self.part(
-            ResidualPart(
-                "rate apart",
-                DIRECT,
-                gains=self.strokes((springs[0] + tyre, -springs[1] - tyre), box.bump),
-                washout=AXLES,
-            )
+            "rate apart",
+            DIRECT,
+            gains=self.strokes((springs[0] + tyre, -springs[1] - tyre), box.bump),
+            washout=AXLES,
         )
         damped = self.part(
-            ResidualPart(
-                "dampers apart",
-                DIRECT,
-                gains=self.strokes((car.dampers[0], -scale[1] * car.dampers[1])),
-                washout=AXLES,
-            )
+            "dampers apart",
+            DIRECT,
+            gains=self.strokes((car.dampers[0], -scale[1] * car.dampers[1])),
+            washout=AXLES,
         )
         side = self.part(
-            ResidualPart(
-                "forces at the roll centres", DIRECT, gains={"lateral": lateral}, washout=AXLES
-            )
+            "forces at the roll centres", DIRECT, gains={"lateral": lateral}, washout=AXLES
         )
-        by_side = self.part(
-            ResidualPart(
-                MAY_BE_WRONG,
-                DIRECT,
-                gains={"lateral": by_lateral},
-                washout=AXLES,
-            )
-        )
-        front = self.part(
-            ResidualPart("front moment", DIRECT, gains={"moment_front": 1.0}, washout=AXLES)
-        )
-        rear = self.part(
-            ResidualPart("rear moment", DIRECT, gains={"moment_rear": scale[1]}, washout=AXLES)
-        )
+        by_side = self.part(MAY_BE_WRONG, DIRECT, gains={"lateral": by_lateral}, washout=AXLES)
+        front = self.part("front moment", DIRECT, gains={"moment_front": 1.0}, washout=AXLES)
+        rear = self.part("rear moment", DIRECT, gains={"moment_rear": scale[1]}, washout=AXLES)
         turned = self.part(
-            ResidualPart("yaw at the roll centres", DERIVATIVE, gains={"yaw_rate": yaw / LOW_PASS})
+            "yaw at the roll centres", DERIVATIVE, gains={"yaw_rate": yaw / self.low_pass}
         )
         terms = [
             Term(stretch, 1, 0.0),
@@ -375,17 +340,13 @@ class Builder:
             "heave_front": suspension.spring_rate_front,
             "heave_rear": suspension.spring_rate_rear,
         }
-        carried = self.part(
-            ResidualPart("carried by the springs", INTEGRAL, gains=rates, washout=SLOW)
-        )
+        carried = self.part("carried by the springs", INTEGRAL, gains=rates, washout=SLOW)
         factor = late(box, self.tick, SLOW)
         steps = self.part(
-            ResidualPart(
-                "steps of heave",
-                STEP,
-                gains={name: factor * rate for name, rate in rates.items()},
-                low_pass=MEAN,
-            )
+            "steps of heave",
+            STEP,
+            gains={name: factor * rate for name, rate in rates.items()},
+            low_pass=MEAN,
         )
         # what softer springs carry makes them give way more than stiffness as designed for explains
         mass = (1.0 + box.mass) * self.car.vehicle.design.sprung_mass / (1.0 - box.stiffness)
