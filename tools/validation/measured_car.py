@@ -63,7 +63,7 @@ def case() -> Case:
     except (OSError, ValueError, KeyError) as error:
         raise CanrollError(f"cannot read {path}: {reason(error)}") from error
     (measured,), _ = pieces(drive_log.read(str(DRIVE), {}), MANOEUVRE)
-    return Case(vehicles.load(EXAMPLE / "bmw_m8.toml"), measured, mounting)
+    return Case(vehicles.load("bmw_m8"), measured, mounting)
 
 
 def inside(piece: Piece, window: Window) -> NDArray[np.bool_]:

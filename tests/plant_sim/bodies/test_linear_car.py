@@ -13,6 +13,7 @@ import vehicles
 from plant_sim import bodies
 from plant_sim.bodies import linear_car, ports
 from plant_sim.world import open_loop
+from vehicles.axles import axles
 from vehicles.full_car import (
     AS_PRINTED,
     INPUTS,
@@ -21,6 +22,7 @@ from vehicles.full_car import (
     from_vehicle,
     state_matrices,
 )
+from vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
 
 SPEED = 70 / 3.6
 
@@ -180,9 +182,15 @@ def test_steady_turn_agrees_with_the_roll_plant(name):
     roll = simulated(bodies.body("roll1"), vehicle, 8.0, STEER=0.005)
     assert full[ports.AY] == pytest.approx(roll[ports.AY], rel=1e-4)
     assert full[ports.ROLL] == pytest.approx(roll[ports.ROLL], rel=1e-3)
-    for axle in (0, 1):
-        transfers = [open_loop.load_transfer(x[None], axle)[0] for x in (full, roll)]
-        assert transfers[0] == pytest.approx(transfers[1], rel=0.06)
+    moments = np.zeros(2)
+    _, *tilts = steady_roll(vehicle, suspension_roll_stiffness(vehicle))
+    for index, (axle, tilt) in enumerate(zip(axles(vehicle), tilts, strict=True)):
+        transfers = [open_loop.load_transfer(x[None], index)[0] for x in (full, roll)]
+        moments += np.array(transfers) * axle.share * axle.half_track
+        # of the axle's roll on its tyres, which the roll plant has in one stiffness of both
+        on_tyres = vehicle.tyre.vertical_stiffness * axle.half_track * tilt * full[ports.AY]
+        assert transfers[0] == pytest.approx(on_tyres / axle.wheel_load, rel=1e-3)
+    assert moments[0] == pytest.approx(moments[1], rel=0.02)
 
 
 def test_step_equals_scipy():
