@@ -35,6 +35,9 @@ MAY_BE_ZERO = (
     "fit.correlation",
 )
 
+POUND = 0.45359237
+"""kg."""
+
 SLOPES = ("friction_load_slope", "cornering_load_slope")
 """Keys that may be negative where they follow from a tyre's file."""
 
@@ -58,7 +61,8 @@ def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:  # noqa: ANN
 def signs(vehicle: Vehicle) -> Iterator[str]:
     """Numbers that are not finite, negative, or zero where they must not be, one line each."""
     following = SLOPES if vehicle.magic_formula is not None else ()
-    for path, value in _numbers(vehicle, ""):
+    # the plant first: a file without a design has the plant's
+    for path, value in (*_numbers(vehicle.plant, "plant"), *_numbers(vehicle, "")):
         if not isfinite(value):
             yield f"{path} = {value}: not a finite number"
         elif value < 0 and not any(key in path for key in (*SIGNED, *following)):
@@ -74,9 +78,13 @@ def _roll_model(model: RollModel, part: str) -> Iterator[str]:
             f"it must exceed m g h = {model.roll_stiffness - model.effective_stiffness:.0f} N·m/rad"
         )
     elif model.inertia_about_cg <= 0:
+        arm = model.cg_height_above_roll_axis
+        in_pounds = model.roll_inertia > POUND * model.sprung_mass * arm**2
         yield (
             f"{part}.roll_inertia = {model.roll_inertia:g}: taken about the roll axis it must "
-            f"exceed m h² = {model.roll_inertia - model.inertia_about_cg:.0f} kg·m²"
+            f"exceed m h² = {model.roll_inertia - model.inertia_about_cg:.0f} kg·m², of "
+            f"{part}.sprung_mass = {model.sprung_mass:g} kg{' (lb?)' if in_pounds else ''} and "
+            f"{part}.cg_height_above_roll_axis = {arm:g} m"
         )
 
 
@@ -165,9 +173,9 @@ def problems(vehicle: Vehicle) -> Iterator[str]:
     yield from wrong
     if wrong:
         return
-    yield from _roll_model(vehicle.design, "design")
     plant = list(_roll_model(vehicle.plant, "plant"))
     yield from plant
+    yield from _roll_model(vehicle.design, "design")
     if not plant:
         yield from _inertia(vehicle)
     yield from _empty(vehicle)

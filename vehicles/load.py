@@ -73,7 +73,9 @@ def _load_file(vehicle: Path | str, folder: Path, users: tuple[Path, ...]) -> Ve
     else:
         path = _FOLDER / f"{text}.toml"
         if text not in names():
-            raise UnknownNameError("vehicle", text, names())
+            own = f"{text}.toml"
+            near = [own] if (folder / own).is_file() else ()
+            raise UnknownNameError("vehicle", text, names(), near=near)
     if path.resolve() in users:
         raise CanrollError(f"{path}: its base refers back to it")
     try:

@@ -72,6 +72,8 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, PreparedC
     speed_kmh, backend = choices.get("speed_kmh"), choices.get("backend")
     options, conditions = choices.get("options") or {}, choices.get("conditions") or {}
     # reject invalid input before any slow work
+    speed = None if speed_kmh is None else speed_kmh / 3.6
+    maneuvers.check_inputs(scenario, speed, dict(options))
     profile = profile_of(choices)
     refuse_useless_key(choices, profile)
     faults = conditions_of.fault_texts(choices)
@@ -95,8 +97,6 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, PreparedC
         )
     warnings = (*warnings, *plant.left_out(vehicle))
     controller = replace(controller, warnings=(*controller.warnings, *warnings))
-    # an option that the manoeuvre does not know is refused here
-    speed = None if speed_kmh is None else speed_kmh / 3.6
     seed = chosen(choices, "seed")
     maneuver = maneuvers.build(scenario, vehicle, speed, seed, **options)
     controller = replace(controller, warnings=(*controller.warnings, *maneuver.remarks))

@@ -284,6 +284,13 @@ def _guesses(vehicle: Vehicle, plan: ManeuverPlan) -> Iterator[str]:
         yield f"{vehicle.name} has no [aerodynamics] for the wind, {GUESSED_AIR}"
 
 
+def check_inputs(name: str, speed: float | None, given: dict[str, Any]) -> None:
+    """Refuse a speed (m/s) and options that a manoeuvre takes of no vehicle, as :func:`build`."""
+    if speed is not None:
+        _check_speeds(MANEUVERS[name], np.array([speed]))
+    _checked(name, given)
+
+
 def _check_speeds(kind: ManeuverKind, speeds: Vector) -> None:
     """Refuse speeds (m/s) outside the manoeuvre's range, several with their place in time."""
     kmh = 3.6 * speeds

@@ -46,6 +46,29 @@ def test_unknown_vehicle_suggests_the_nearest():
         vehicles.load("vna_2021")
 
 
+def test_a_file_named_without_its_ending_is_suggested(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("golf.toml").touch()
+    with pytest.raises(CanrollError, match=r"unknown vehicle 'golf': did you mean 'golf\.toml'"):
+        vehicles.load("golf")
+
+
+@pytest.mark.parametrize(
+    ("mass", "message"),
+    [
+        (float("nan"), r"^x: plant\.sprung_mass = nan"),
+        (3075.0, r"^x: plant\..* 3075 kg \(lb\?\) and"),
+    ],
+)
+def test_a_file_without_a_design_is_told_of_its_own_keys(mass, message):
+    own = vehicles.load("sedan_320i").document
+    del own["design"]
+    own["plant"]["sprung_mass"] = mass
+    own["plant"]["roll_stiffness"] = 2e5
+    with pytest.raises(CanrollError, match=message):
+        vehicles.from_table(own, name="x", where="x")
+
+
 def test_files_that_cannot_be_read(tmp_path):
     with pytest.raises(CanrollError, match="cannot read vehicle file"):
         vehicles.load(tmp_path / "none.toml")

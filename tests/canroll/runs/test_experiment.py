@@ -332,6 +332,19 @@ def test_what_is_done_to_a_calibration_is_not_in_the_next():
     assert len(seen) == 1
 
 
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"speed_kmh": 800.0}, "speed 800 km/h: the speed of the .* must be "),
+        ({"options": {"shift": 1.0}}, "unknown option of moose 'shift'"),
+    ],
+)
+def test_wrong_input_is_refused_before_anything_is_designed(given, message, monkeypatch):
+    monkeypatch.setattr(experiment, "prepare", lambda _: pytest.fail("designed"))
+    with pytest.raises(CanrollError, match=message):
+        experiment.plan("moose", **given)
+
+
 def test_options_of_the_manoeuvre_reach_it():
     grip = experiment.run("moose", plant="nonlinear", law="passive")
     ice = experiment.run("moose", plant="nonlinear", law="passive", options={"friction": "0.3"})
