@@ -43,14 +43,17 @@ class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line that refers to ``--help``.
 
     Options have one spelling, as command lines are read and written again. ``--help`` leaves out
-    the rare ones. ``asked``: options, by destination, that make the command do more, which it does
-    where the command line asks for it.
+    the rare ones, and after a command's action the options of other actions, and the epilog if that
+    is about one of these, ``epilog_of``. ``asked``: options, by destination, that make the command
+    do more, which it does where the command line asks for it.
     """
 
     def __init__(self, **options: Any) -> None:  # noqa: ANN401
         self.relations: dict[str, Relations] = {}
         self.asked: tuple[str, ...] = ()
+        self.epilog_of = ""
         self._given: set[str] = set()
+        self._mode: tuple[str, ...] = ()
         super().__init__(**{**options, "allow_abbrev": False})
         self.add_argument("--help-all", action=_HelpAll, help="show the rare options too")
         self.add_argument("--trust", action="store_true", help="execute code that files name too")
@@ -105,6 +108,8 @@ class Parser(argparse.ArgumentParser):
         # argparse asks for the values of each option that it meets on the command line
         if action.option_strings:
             self._given.add(action.dest)
+        elif action.choices is not None:
+            self._mode = (f"{action.dest}=", *(f"{action.dest}={word}" for word in arg_strings))
         return super()._get_values(action, arg_strings)
 
     def _check(self, namespace: argparse.Namespace) -> None:
@@ -128,16 +133,25 @@ class Parser(argparse.ArgumentParser):
         return f"{option} {value}".rstrip()
 
     def format_help(self) -> str:
-        """Return the help without the rare options."""
-        rare = [action for action in self._actions if action.dest in RARE]
-        texts = [action.help for action in rare]
+        """Return the help without the rare options and those of another action."""
+        rare = [each for each in self._actions if each.dest in RARE or self._of_another(each.dest)]
+        texts, epilog = [action.help for action in rare], self.epilog
         for action in rare:
             action.help = argparse.SUPPRESS
+        if self._of_another(self.epilog_of):
+            self.epilog = None
         try:
             return super().format_help()
         finally:
+            self.epilog = epilog
             for action, text in zip(rare, texts, strict=True):
                 action.help = text
+
+    def _of_another(self, name: str) -> bool:
+        """Whether an option belongs to another action than the one on the command line."""
+        needs = self.relations.get(name, Relations()).needs
+        of_action = bool(self._mode) and all(need.startswith(self._mode[0]) for need in needs)
+        return bool(needs) and of_action and not set(needs) & set(self._mode[1:])
 
     @property
     def options(self) -> Set[str]:
