@@ -1,5 +1,6 @@
 """The options of the commands that simulate, and that characterise a vehicle."""
 
+from argparse import RawDescriptionHelpFormatter
 from math import inf
 from typing import Any
 
@@ -155,10 +156,21 @@ AXES = ("iso", "sae", "adapted-sae")
 
 def vehicle(parser: Parser) -> None:
     """Options of ``canroll vehicle``."""
+    from vehicles.sizing.classes import CLASSES, RATIOS  # noqa: PLC0415 - numpy
+
+    parser.formatter_class = RawDescriptionHelpFormatter
     parser.description = (
-        "new: write a complete vehicle file from mass and size; what is not given is estimated by "
-        "the class, with its spread. check: compare a vehicle with its class. tyre: fit a tyre "
-        "file (.tir) to a measured table of slip angle, load, camber and lateral force."
+        "new: write a complete vehicle file from mass and size; what is not given is\n"
+        "     estimated by the class, with its spread.\n"
+        "check: compare a vehicle with its class.\n"
+        "tyre: fit a tyre file (.tir) to a measured table of slip angle, load, camber\n"
+        "      and lateral force."
+    )
+    rows = [("RATIO", *CLASSES)]
+    rows += [(name, *(str(getattr(each, name)) for each in CLASSES.values())) for name in RATIOS]
+    parser.epilog_of = "set"
+    parser.epilog = "usual values, with their spread:\n" + "\n".join(
+        "  " + "".join(f"{word:<18}" for word in row).rstrip() for row in rows
     )
     parser.add_argument(
         "what", choices=("new", "check", "tyre"), metavar="ACTION", help="new, check or tyre"
@@ -175,6 +187,13 @@ def vehicle(parser: Parser) -> None:
         dest="kind",
         metavar="CLASS",
         help="car, suv or van",
+    )
+    parser.add_argument(
+        "--drive",
+        needs=("what=new", "what=check"),
+        why="canroll vehicle new and check",
+        metavar="AXLES",
+        help="driven axles, front, rear or all, on which the front share of the weight depends",
     )
     new: dict[str, Any] = {"needs": ("what=new",), "why": "canroll vehicle new"}
     for name, unit, meaning in (

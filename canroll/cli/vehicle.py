@@ -10,11 +10,11 @@ from pathlib import Path
 import tomli_w
 
 import vehicles
-from canroll.cli.terminal import show_table
+from canroll.cli.terminal import show_table, show_warnings
 from canroll.errors import CanrollError, reason
 from canroll.report.page import PageTable
 from vehicles import Vehicle
-from vehicles.sizing.classes import CLASSES, class_named
+from vehicles.sizing.classes import CLASSES, HEAVIEST, class_named
 from vehicles.sizing.estimate import SIZES, estimated
 from vehicles.sizing.review import ReviewedQuantity, beside_class, handling
 
@@ -42,7 +42,7 @@ def _new(args: argparse.Namespace) -> int:
     for name in (name for name in SIZES if name not in known):
         raise CanrollError(f"--{name} is missing: a vehicle needs its {name}")
     known |= {key: _number(key, value) for key, value in args.set or ()}
-    vehicle = estimated(args.kind, known, name=file.stem)
+    vehicle = estimated(args.kind, known, name=file.stem, drive=args.drive)
     table = vehicle.document
     # a file without a design has the plant's
     del table["design"]
@@ -50,12 +50,15 @@ def _new(args: argparse.Namespace) -> int:
         file.write_text(tomli_w.dumps(table), encoding="utf-8")
     except OSError as error:
         raise CanrollError(f"cannot write {file}: {reason(error)}") from error
-    _show(vehicle, args.kind, as_json=args.json)
+    _show(vehicle, args)
     if not args.json:
         origin = Counter(source.split(" ")[0] for source in table["sources"].values())
+        more = len(known) - len(SIZES)
+        ratios = f" and {more} ratio{'s' * (more > 1)}" if more else ""
         print(
-            f"\nwritten to {file}: {origin['given']} numbers given, {origin['estimated']} "
-            f"estimated with their spread in [sources], {origin['of']} of {CLASSES[args.kind].base}"
+            f"\nwritten to {file} from {len(SIZES)} sizes{ratios}: {origin['estimated']} numbers "
+            f"estimated with their spread in [sources], {origin['given']} given by these, "
+            f"{origin['of']} of {CLASSES[args.kind].base}"
         )
     return 0
 
@@ -69,16 +72,19 @@ def _number(key: str, value: str) -> float:
 
 def _check(args: argparse.Namespace) -> int:
     if args.kind is not None:
-        class_named(args.kind)
-    _show(vehicles.load(args.vehicle), args.kind, as_json=args.json)
+        class_named(args.kind, args.drive)
+    elif args.drive is not None:
+        raise CanrollError("--drive: it belongs to a class: add --class, or omit it")
+    _show(vehicles.load(args.vehicle), args)
     return 0
 
 
-def _show(vehicle: Vehicle, kind: str | None, *, as_json: bool) -> None:
+def _show(vehicle: Vehicle, args: argparse.Namespace) -> None:
     """Print a vehicle's quantities, with the usual ranges of a class."""
-    quantities = list(handling(vehicle))
-    ratios = [] if kind is None else list(beside_class(vehicle, kind))
-    if as_json:
+    kind = args.kind
+    quantities = list(handling(vehicle, kind))
+    ratios = [] if kind is None else list(beside_class(vehicle, kind, args.drive))
+    if args.json:
         print(
             json.dumps(
                 {
@@ -91,14 +97,16 @@ def _show(vehicle: Vehicle, kind: str | None, *, as_json: bool) -> None:
         )
         return
     print(vehicle.title)
-    show_table(_table("plausible", quantities))
+    show_table(_table("plausible" if kind is None else "usual", quantities))
     if kind is None:
         print("\nusual ranges of a class: --class " + ", --class ".join(CLASSES))
         return
-    unusual = [quantity.label for quantity in ratios if not quantity.usual]
-    verdict = f"unusual: {', '.join(unusual)}" if unusual else "all ratios are usual"
+    unusual = [each.label for each in (*quantities, *ratios) if not each.usual]
+    verdict = f"unusual: {', '.join(unusual)}" if unusual else "all numbers are usual"
     print(f"\nfor a {CLASSES[kind].title}: {verdict}")
     show_table(_table("usual", ratios))
+    if vehicle.total_mass > HEAVIEST:
+        show_warnings([f"the ratios are of vehicles up to {1e-3 * HEAVIEST:g} t, lighter than it"])
 
 
 def _table(ranges: str, quantities: Iterable[ReviewedQuantity]) -> PageTable:

@@ -5,18 +5,21 @@ from math import pi, sqrt
 from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
+from vehicles.check import POUND
 from vehicles.load import from_table, load
 from vehicles.model import GRAVITY, SCHEMA, Vehicle
 from vehicles.roll_stiffness import steady_roll
 from vehicles.sizing.classes import RATIOS, Ratio, class_named
 
 SIZES = {
-    "mass": (300.0, 40e3),
-    "wheelbase": (1.2, 8.0),
-    "track": (0.8, 2.6),
-    "height": (0.8, 4.5),
+    "mass": (300.0, 40e3, "kg", {1e3: "t", POUND: "lb"}),
+    "wheelbase": (1.2, 8.0, "m", {1e-3: "mm", 1e-2: "cm"}),
+    "track": (0.8, 2.6, "m", {1e-3: "mm", 1e-2: "cm"}),
+    "height": (0.8, 4.5, "m", {1e-3: "mm", 1e-2: "cm"}),
 }
-"""What has to be known, with its range: kg, and wheelbase, mean track and vehicle height, m."""
+"""What has to be known: least, most, unit, and by their factors the units it may be in instead.
+
+Track is the mean of both axles', height that of the vehicle."""
 
 SHARED = ("steering", "driver", "actuators", "sensors")
 """Sections of the base."""
@@ -33,7 +36,9 @@ SHAPES = {
 """Numbers of other sections that are the base's."""
 
 
-def estimated(kind: str, known: Mapping[str, float], *, name: str) -> Vehicle:
+def estimated(
+    kind: str, known: Mapping[str, float], *, name: str, drive: str | None = None
+) -> Vehicle:
     """Return a vehicle of a class, checked.
 
     The source of an estimated number says so, with its spread and where that comes from. A number
@@ -43,20 +48,24 @@ def estimated(kind: str, known: Mapping[str, float], *, name: str) -> Vehicle:
         kind: a class of :data:`vehicles.sizing.classes.CLASSES`.
         known: :data:`SIZES`, and ratios of the class that are known, by their names.
         name: of the vehicle.
+        drive: the driven axles, front, rear or all, where they are known.
 
     Raises:
-        UnknownNameError: no such class or ratio.
+        UnknownNameError: no such class, ratio or drive.
         CanrollError: a size is missing, or they make an impossible or implausible vehicle.
     """
-    kept = class_named(kind)
+    kept = class_named(kind, drive)
     for key in known:
         if key not in (*SIZES, *RATIOS):
             raise UnknownNameError("size or ratio of a vehicle", key, (*SIZES, *RATIOS))
-    for key, (low, high) in SIZES.items():
+    for key, (low, high, unit, slips) in SIZES.items():
         if key not in known:
             raise CanrollError(f"a vehicle needs its {key}")
         if not low <= known[key] <= high:
-            raise CanrollError(f"{key} {known[key]:g}: must be {low:g} to {high:g}")
+            meant = ((f * known[key], other) for f, other in slips.items())
+            hint = next((f": in {u}? Then give {v:g}" for v, u in meant if low <= v <= high), "")
+            message = f"{key} {known[key]:g}: must be {low:g} to {high:g} {unit}{hint}"
+            raise CanrollError(message)
     for key, value in known.items():
         if not value > 0.0:
             raise CanrollError(f"{key} {value:g}: must be positive")

@@ -108,27 +108,31 @@ LABELS = {
 """Label and unit of each ratio."""
 
 
-def handling(vehicle: Vehicle) -> Iterator[ReviewedQuantity]:
+def handling(vehicle: Vehicle, kind: str | None = None) -> Iterator[ReviewedQuantity]:
     """Quantities by which a vehicle's roll and handling are judged.
 
-    A range is that beyond which :mod:`vehicles.plausible` refuses a vehicle file.
+    A range is the usual one of a class; without a class it is that beyond which
+    :mod:`vehicles.plausible` refuses a vehicle file.
     """
     plausible = {band.quantity: (band.low, band.high) for band in BANDS}
+    gradient, steer = plausible["a roll gradient"], plausible["an understeer gradient"]
+    if kind is not None:
+        gradient, steer = class_named(kind).roll_gradient, class_named(kind).understeer
     plant = vehicle.plant
     understeer = degrees(vehicle.understeer) * GRAVITY
     yield ReviewedQuantity("mass", vehicle.total_mass, "kg")
     yield ReviewedQuantity("height of the centre of gravity", vehicle.cg_height, "m")
     yield ReviewedQuantity("static stability factor", vehicle.static_stability_factor, "g")
-    gradient = plausible["a roll gradient"]
     yield ReviewedQuantity("roll gradient", plant.roll_gradient_deg_per_g, "deg/g", *gradient)
     yield ReviewedQuantity("natural frequency in roll", plant.natural_frequency / (2 * pi), "Hz")
-    steer = plausible["an understeer gradient"]
     yield ReviewedQuantity("understeer gradient", understeer, "deg/g", *steer)
 
 
-def beside_class(vehicle: Vehicle, kind: str) -> Iterator[ReviewedQuantity]:
-    """Ratios of a vehicle with the usual ranges of a class."""
-    of_class = class_named(kind)
+def beside_class(
+    vehicle: Vehicle, kind: str, drive: str | None = None
+) -> Iterator[ReviewedQuantity]:
+    """Ratios of a vehicle with the usual ranges of a class, of its driven axles if given."""
+    of_class = class_named(kind, drive)
     for name, value in RATIO_OF.items():
         ratio = getattr(of_class, name)
         label, unit = LABELS[name]

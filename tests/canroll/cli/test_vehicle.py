@@ -25,7 +25,8 @@ def test_a_new_vehicle_is_a_complete_file(tmp_path, capsys):
     file = tmp_path / "mine.toml"
     assert main(["vehicle", "new", str(file), *SIZES, "--set", "front_share=0.5"]) == 0
     out = capsys.readouterr().out
-    assert f"written to {file}: 4 numbers given, 22 estimated" in out
+    assert f"written to {file} from 4 sizes and 1 ratio: 22 numbers estimated" in out
+    assert "4 given by these, 34 of van_real" in out
     vehicle = vehicles.load(file)
     assert vehicle.total_mass == pytest.approx(2720, rel=1e-3)
     assert vehicle.geometry.static_front_share == pytest.approx(0.5)
@@ -54,6 +55,8 @@ def test_check_names_what_is_unusual(capsys):
         (["new", "no/folder/mine.toml", *SIZES], "cannot write no/folder/mine.toml"),
         (["check", "van_real", "--mass", "2000"], "--mass: it belongs to canroll vehicle new"),
         (["check", "van_real", "--class", "lorry"], "unknown class of vehicles 'lorry'"),
+        (["check", "van_real", "--drive", "rear"], "--drive: it belongs to a class: add --class"),
+        (["new", "mine.toml", *SIZES, "--drive", "rear"], "unknown drive of a van 'rear'"),
     ],
 )
 def test_what_makes_no_file_is_one_line(arguments, message, tmp_path, monkeypatch, capsys):
@@ -63,6 +66,28 @@ def test_what_makes_no_file_is_one_line(arguments, message, tmp_path, monkeypatc
     assert message in error
     assert error.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("action", "own", "others"),
+    [
+        ("new", ["--mass", "--drive", "cg_height         0.376 ±6 %"], ["--radius"]),
+        ("check", ["--class", "--drive"], ["--mass", "--radius", "cg_height "]),
+        ("tyre", ["--axes", "--radius"], ["--mass", "--class", "cg_height "]),
+    ],
+)
+def test_each_action_has_its_own_help(action, own, others, capsys):
+    with pytest.raises(SystemExit):
+        main(["vehicle", action, "--help"])
+    shown = capsys.readouterr().out
+    assert all(text in shown for text in own)
+    assert not any(text in shown for text in others)
+
+
+def test_ratios_of_lighter_vehicles_are_warned_of(tmp_path, capsys):
+    sizes = [*SIZES[:3], "12000", *SIZES[4:-1], "3.4"]
+    assert main(["vehicle", "new", str(tmp_path / "lorry.toml"), *sizes]) == 0
+    assert "warning: the ratios are of vehicles up to 5 t" in capsys.readouterr().out
 
 
 def test_a_file_is_not_overwritten(tmp_path, capsys):
