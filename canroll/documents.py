@@ -1,5 +1,6 @@
 """Files of users: text bounded in size and depth, or read in a separate process."""
 
+import io
 import json
 import re
 import subprocess
@@ -9,7 +10,10 @@ from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from canroll.errors import CanrollError, UnknownNameError
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError, UnknownNameError, reason
 
 MOST_BYTES = 16 << 20
 """Size of a text file; a larger one is not what it is taken for."""
@@ -125,13 +129,13 @@ def table(value: object, where: str) -> dict[str, Any]:
 
 def read_apart(
     program: str, path: Path, *, memory: int = MOST_MEMORY, seconds: float = MOST_SECONDS
-) -> bytes:
-    """Return what a Python program makes of the file ``path``.
+) -> dict[str, NDArray[Any]]:
+    """Return the arrays that a Python program makes of the file ``path``, by name.
 
     It runs in a separate process, which a reader in compiled code may end at a damaged file.
 
     Args:
-        program: it finds the path in ``sys.argv[1]`` and writes to ``sys.stdout.buffer``.
+        program: it finds the path in ``sys.argv[1]`` and writes an .npz to ``sys.stdout.buffer``.
         path: the file.
         memory: that it may have, bytes.
         seconds: that it may take.
@@ -151,7 +155,82 @@ def read_apart(
     if done.returncode:
         errors = done.stderr.decode("utf-8", "replace").strip().splitlines()
         raise ValueError(errors[-1] if errors and done.returncode > 0 else "the reader crashed")
-    return done.stdout
+    with np.load(io.BytesIO(done.stdout)) as stored:
+        return dict(stored)
+
+
+FIRST_BYTES = {
+    b"MATLAB 7.3": "a MATLAB file of version 7.3 (HDF5)",
+    b"MATLAB": "a MATLAB file",
+    b"\x89HDF": "a file of version 7.3 (HDF5)",
+    b"PK\x03\x04": "an Excel workbook, or another zip archive",
+    b"\xd0\xcf\x11\xe0": "an Excel workbook",
+    b"MDF ": "an MF4",
+}
+"""What a file is that begins with these bytes, whatever its suffix."""
+
+
+def binary_kind(path: Path) -> str:
+    """Return which of :data:`FIRST_BYTES` a file is, "" if none.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as file:
+        first = file.read(16)
+    return next((kind for start, kind in FIRST_BYTES.items() if first.startswith(start)), "")
+
+
+_MAT_TO_NPZ = """
+import math, sys, numpy, scipy.io
+from scipy.io.matlab import MatlabFunction, MatlabOpaque
+
+def limited(name, shape):
+    if math.prod(shape) > MOST:
+        raise ValueError(f"{name} has more than {MOST} numbers")
+
+def take(name, value):
+    if isinstance(value, (MatlabFunction, MatlabOpaque)) or not isinstance(value, numpy.ndarray):
+        value = numpy.array("an object")
+    limited(name, value.shape)
+    if not value.dtype.hasobject:
+        table[f"at {name}"] = value
+        return
+    for i, one in enumerate(value.ravel(order="F"), 1):
+        if not value.dtype.names:
+            take(f"{name}{{{i}}}", one)
+        for field in value.dtype.names or ():
+            take(f"{name}.{field}" if value.size == 1 else f"{name}({i}).{field}", one[field])
+
+for name, shape, kind in scipy.io.whosmat(sys.argv[1]):
+    limited(name, shape)
+table = {}
+for name, value in scipy.io.loadmat(sys.argv[1]).items():
+    if not name.startswith("__"):
+        take(name, value)
+numpy.savez(sys.stdout.buffer, **table)
+"""
+
+
+def read_mat(
+    path: Path, most: int, *, memory: int = MOST_MEMORY, seconds: float = MOST_SECONDS
+) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a .mat file of versions 4 to 7.2 by name, of ``most`` numbers each.
+
+    Fields are named as in MATLAB: ``struct.field``, ``struct(2).field``, ``cell{2}``.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: scipy cannot read it, or an array is larger.
+    """
+    if binary_kind(path).endswith("(HDF5)"):
+        raise ValueError(f"{binary_kind(path)}: save it in MATLAB with -v7, or export CSV")
+    program = f"MOST = {most}\n{_MAT_TO_NPZ}"
+    try:
+        arrays = read_apart(program, path, memory=memory, seconds=seconds)
+    except ValueError as error:
+        raise ValueError(f"not a .mat file that scipy can read: {reason(error)}") from error
+    return {name.removeprefix("at "): array for name, array in arrays.items()}
 
 
 _LIMITED = """

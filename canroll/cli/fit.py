@@ -45,7 +45,8 @@ def run(args: argparse.Namespace) -> int:
         usable_folder(out)
     if args.map and not args.dbc:
         raise CanrollError("--map: it belongs to --dbc: add that, or omit it")
-    log = read(args.log, dict(map(choice_of, args.signal or ())), dbc=args.dbc, map_file=args.map)
+    choices = dict(map(choice_of, args.signal or ()))
+    log = read(args.log, choices, dbc=args.dbc, map_file=args.map, rate=args.rate)
     if not args.begin < args.end:
         raise CanrollError(f"--from {args.begin:g} --to {args.end:g}: nothing is between them")
     settings = FitSettings(

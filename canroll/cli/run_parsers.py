@@ -245,7 +245,7 @@ def fit(parser: Parser) -> None:
         "and its numbers are changed until it moves as measured. Says how sure each is, and what "
         "the log cannot tell."
     )
-    parser.add_argument("log", type=not_empty, metavar="LOG", help=".csv .mf4, or a bus log")
+    parser.add_argument("log", type=not_empty, metavar="LOG", help=".csv .mat .mf4, or a bus log")
     add_choices(parser, ("vehicle",), defaults={"vehicle": None})  # required
     _add_measured(parser, "fit")
     parser.add_argument("--check", metavar="FROM:TO", help="part (s) to predict with the fit")
@@ -281,9 +281,16 @@ def _add_measured(parser: Parser, verb: str) -> None:
         action="append",
         type=not_empty,
         metavar="QUANTITY=[-]NAME[:UNIT]",
-        help="signal of the log that is a quantity: steering, speed, yaw_rate, "
+        help="signal of the log that is a quantity: time, steering, speed, yaw_rate, "
         "lateral_acceleration, roll_rate, roll, sideslip, travel_front_left, delivered_front, "
-        "commanded_front, commanded_force_front_left, …; - reverses it; may be repeated",
+        "commanded_front, commanded_force_front_left, …; - reverses it, UNIT may be 16*rad, "
+        "without NAME it is left out; may be repeated",
+    )
+    parser.add_argument(
+        "--rate",
+        type=float,
+        metavar="HZ",
+        help="samples per second of a log without a column of times",
     )
     parser.add_argument(
         "--dbc", default="", metavar="FILE", help="network description of a bus log"
@@ -317,7 +324,7 @@ def validate(parser: Parser) -> None:
         "not good enough."
     )
     parser.add_argument(
-        "logs", nargs="+", type=not_empty, metavar="LOG", help=".csv .mf4, or bus logs"
+        "logs", nargs="+", type=not_empty, metavar="LOG", help=".csv .mat .mf4, or bus logs"
     )
     add_choices(parser, ("vehicle",), defaults={"vehicle": None})  # required
     _add_measured(parser, "compare")

@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     with terminal.progress(quiet=args.json) as progress:
         for number, name in enumerate(args.logs):
             progress("logs", number / len(args.logs))
-            log = read(name, choices, dbc=args.dbc, map_file=args.map)
+            log = read(name, choices, dbc=args.dbc, map_file=args.map, rate=args.rate)
             own = measurement if straight is None else zeroed(log, straight)
             validations.append(validate(log, vehicle, settings, own))
         progress("logs", 1.0)

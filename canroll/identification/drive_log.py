@@ -4,7 +4,6 @@ Columns of a CSV and channels of an MF4 are found by name, with the unit as a su
 as the file states it; those of a bus log by the map of its signals to the ECU's fields.
 """
 
-import csv
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,13 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from canroll.errors import CanrollError, UnknownNameError, reason
+from canroll.errors import CanrollError, UnknownNameError
 from canroll.typing import Vector
 from codegen.frame import units
 from codegen.generated import bus_map
 from dbc.reader import network
 from plant_sim.bodies.ports import AXLES, WHEELS
 from plant_sim.driving import signal_file
+from plant_sim.driving.columns import TIME_UNITS, LogTable, parted, read_table
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,30 +107,16 @@ OUTPUTS = tuple(
 )
 """What is compared; a log must have one of them."""
 
-_SUFFIXES = {
-    "deg": "deg",
-    "rad": "rad",
-    "deg_s": "deg/s",
-    "rad_s": "rad/s",
-    "m_s": "m/s",
-    "kmh": "km/h",
-    "km_h": "km/h",
-    "mph": "mph",
-    "m_s2": "m/s2",
-    "g": "g",
-    "m": "m",
-    "mm": "mm",
-    "nm": "Nm",
-    "n_m": "Nm",
-    "knm": "kNm",
-    "kn": "kN",
-}
-_TIMES = ("time", "time_s", "t", "timestamp", "timestamps")
+TIME = Quantity("time", "time", "s", ("time", "t", "timestamp", "timestamps"))
+"""Not of a bus log or an MF4, whose signals have times of their own."""
 
 
 @dataclass(frozen=True, slots=True)
 class SignalChoice:
-    """Which signal of a log is a quantity: its name, unit ("": as stated), and a further factor."""
+    """Which signal of a log is a quantity: its name, unit ("": as stated), and a further factor.
+
+    The unit may have a factor: "16*rad", or "16*" of the unit that is stated.
+    """
 
     name: str
     unit: str = ""
@@ -164,21 +150,20 @@ class Log:
 
 
 def choice_of(text: str) -> tuple[str, SignalChoice]:
-    """Return quantity and choice of "QUANTITY=[-]NAME[:UNIT]".
+    """Return quantity and choice of "QUANTITY=[-]NAME[:UNIT]"; without a name it is left out.
 
     Raises:
         UnknownNameError: no such quantity.
         CanrollError: another form, or an unknown unit.
     """
     quantity, equals, name = text.partition("=")
-    if not equals or not name.strip("-"):
+    if not equals or (name and not name.strip("-")):
         raise CanrollError(f"--signal {text}: expected QUANTITY=NAME, such as yaw_rate=YawRate")
-    if quantity not in QUANTITIES:
-        raise UnknownNameError("quantity of a log", quantity, QUANTITIES)
+    if quantity not in _BY_NAME:
+        raise UnknownNameError("quantity of a log", quantity, _BY_NAME)
     name, _, unit = name.partition(":")
     sign = -1.0 if name.startswith("-") else 1.0
-    if unit:
-        _factor(f"--signal {text}", QUANTITIES[quantity], unit)
+    _factor(f"--signal {text}", _BY_NAME[quantity], unit)
     return quantity, SignalChoice(name.removeprefix("-"), unit, sign)
 
 
@@ -188,6 +173,7 @@ def read(
     *,
     dbc: str = "",
     map_file: str = "",
+    rate: float | None = None,
 ) -> Log:
     """Read a measured drive.
 
@@ -196,20 +182,24 @@ def read(
         choices: which signals to take for quantities, over what the names say.
         dbc: network description of a bus log; "": the file is none.
         map_file: map of its signals to the ECU's fields.
+        rate: samples per second of a CSV or .mat without times.
 
     Raises:
         CanrollError: the file cannot be read, a required quantity is missing, or a unit cannot be
             that of its quantity.
     """
     if signal_file.is_csv(file, dbc):
-        return _of_csv(Path(file), choices)
+        return _of_table(read_table(Path(file)), choices, rate)
+    if rate is not None or "time" in choices:
+        option = "--signal time" if rate is None else "--rate"
+        raise CanrollError(f"{file}: {option}: its signals have times of their own: omit it")
     known = dict(choices)
     if map_file:
         mapped = _mapped(Path(dbc), Path(map_file))
         own = {name: one for name, one in mapped.items() if name not in known}
         known |= {name: one.choice for name, one in own.items() if name in REQUIRED}
         # a log may be without the frames of what it need not have
-        needed = [choice.name for choice in known.values()]
+        needed = [choice.name for choice in known.values() if choice.name]
         others = [one.choice.name for name, one in own.items() if name not in REQUIRED]
         there = signal_file.carried(file, needed, others, dbc)
         for name, one in own.items():
@@ -224,12 +214,13 @@ def read(
                 if candidate in there:
                     known[name] = SignalChoice(candidate)
                     break
+    known = {name: choice for name, choice in known.items() if choice.name}
     _complete(file, known, "--signal QUANTITY=NAME")
     signals = signal_file.read(file, [choice.name for choice in known.values()], dbc)
     channels = {}
     for (name, choice), signal in zip(known.items(), signals, strict=True):
-        unit = choice.unit or signal.unit
-        factor = choice.factor * _factor(f"{file}: {signal.name}", QUANTITIES[name], unit)
+        where = f"{file}: {signal.name}"
+        factor = choice.factor * _factor(where, QUANTITIES[name], choice.unit, signal.unit)
         channels[name] = Channel(choice, signal.times, factor * signal.values)
     return Log(file, channels, tuple(dict.fromkeys(text for s in signals for text in s.remarks)))
 
@@ -267,36 +258,37 @@ def _mapped(dbc: Path, map_file: Path) -> dict[str, _Mapped]:
     return choices
 
 
-def _of_csv(path: Path, choices: Mapping[str, SignalChoice]) -> Log:
-    """Read a CSV whose times may repeat or jump: they are judged later."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            header, *rows = [row for row in csv.reader(file) if row] or [[]]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise CanrollError(f"cannot read {path}: {reason(error)}") from error
-    header = [name.strip() for name in header]
-    for i, row in enumerate(rows):
-        # a decimal comma would move what follows it to other columns
-        if any(row[len(header) :]):
-            raise CanrollError(f"{path}: row {i + 2}: {len(row)} values in {len(header)} columns")
-    time = next((name for name in header if name.lower() in _TIMES), None)
-    if time is None:
-        raise CanrollError(f"{path}: line 1: no column {' or '.join(_TIMES[:2])}")
-    known = dict(choices)
-    for name in header:
-        quantity, unit = _recognised(name)
-        if quantity:
-            known.setdefault(quantity, SignalChoice(name, unit))
-    _complete(str(path), known, "--signal QUANTITY=COLUMN:UNIT", header)
-    times = _numbers(path, rows, header, time)
-    channels, remarks = {}, []
-    for name, choice in known.items():
-        if choice.name not in header:
-            raise UnknownNameError(f"column of {path}", choice.name, header)
-        # a column with its unit in its name needs none in the option
-        unit = choice.unit or _recognised(choice.name)[1] or _suffix(choice.name)
-        factor = choice.factor * _factor(f"{path}: {choice.name}", QUANTITIES[name], unit)
-        values = factor * _numbers(path, rows, header, choice.name)
+def _of_table(table: LogTable, choices: Mapping[str, SignalChoice], rate: float | None) -> Log:
+    """Read columns whose times may repeat or jump: they are judged later."""
+    path = table.path
+    known = {name: choice for name, choice in choices.items() if choice.name}
+    for column in table.names:
+        name = _recognised(column)
+        if name and name not in choices:
+            known.setdefault(name, SignalChoice(column))
+    remarks = []
+    if rate is not None:
+        if not 0.0 < rate < np.inf:
+            raise CanrollError(f"--rate {rate:g}: must be positive")
+        if "time" in choices:
+            raise CanrollError("--rate: --signal time has the times: omit one")
+        if there := known.pop("time", None):
+            remarks.append(f"times are those of --rate {rate:g}, not of the column {there.name}")
+    elif "time" not in known:
+        raise CanrollError(
+            f"{table.where}: no column time or time_s: name it by --signal time=NAME:UNIT, or give "
+            f"the samples per second, --rate HZ; it has {', '.join(table.names) or 'none'}"
+        )
+    _complete(str(path), known, "--signal QUANTITY=COLUMN:UNIT", table.names)
+    columns = {name: _values(table, _BY_NAME[name], choice) for name, choice in known.items()}
+    times = columns.pop("time") if rate is None else np.arange(len(columns["speed"])) / rate
+    channels = {}
+    for name, values in columns.items():
+        choice = known[name]
+        if len(values) != len(times):
+            raise CanrollError(
+                f"{path}: {choice.name} has {len(values)} numbers, its times are {len(times)}"
+            )
         kept = np.isfinite(values) & np.isfinite(times)
         if not kept.all():
             remarks.append(f"{choice.name}: {np.sum(~kept)} rows without a number: left out")
@@ -304,35 +296,26 @@ def _of_csv(path: Path, choices: Mapping[str, SignalChoice]) -> Log:
     return Log(str(path), channels, tuple(remarks))
 
 
-def _numbers(path: Path, rows: Sequence[Sequence[str]], header: list[str], name: str) -> Vector:
-    place = header.index(name)
-    values = np.full(len(rows), np.nan)
-    for i, row in enumerate(rows):
-        text = row[place].strip() if place < len(row) else ""
-        try:
-            values[i] = float(text) if text else np.nan
-        except ValueError as error:
-            raise CanrollError(f"{path}: row {i + 2}: {name}: '{text}' is no number") from error
+def _values(table: LogTable, quantity: Quantity, choice: SignalChoice) -> Vector:
+    """Return a column in SI units."""
+    place = table.place(choice.name)
+    column = table.names[place]
+    where = f"{table.path}: {column}"
+    factor = choice.factor * _factor(where, quantity, choice.unit, parted(column)[1])
+    values = table.numbers(place)
     if np.sum(np.isfinite(values)) < 2:
-        raise CanrollError(f"{path}: column {name} has fewer than two numbers")
-    return values
+        raise CanrollError(f"{table.path}: column {column} has fewer than two numbers")
+    return factor * values
 
 
-def _recognised(column: str) -> tuple[str, str]:
-    """Return quantity and unit that a column's name says, "" if it says none."""
-    for name, quantity in QUANTITIES.items():
-        for known in quantity.names:
-            if column.lower() == known:
-                return name, ""
-            suffix = column.lower().removeprefix(f"{known}_")
-            if suffix in _SUFFIXES and suffix != column.lower():
-                return name, _SUFFIXES[suffix]
-    return "", ""
-
-
-def _suffix(column: str) -> str:
-    match = re.search("_(" + "|".join(sorted(_SUFFIXES, key=len, reverse=True)) + ")$", column)
-    return _SUFFIXES[match.group(1)] if match else ""
+def _recognised(column: str) -> str:
+    """Return the quantity that a column's name and unit say, "" if they say none."""
+    for text, unit in ((column, ""), parted(column)):
+        key = re.sub(r"[\s-]+", "_", text.lower())
+        for name, quantity in _BY_NAME.items():
+            if key in quantity.names and _unit_factor(quantity, unit) is not None:
+                return name
+    return ""
 
 
 def _complete(
@@ -346,11 +329,23 @@ def _complete(
         raise CanrollError(f"{file}: no {', no '.join(missing)}: name it by {option}{there}")
 
 
-def _factor(where: str, quantity: Quantity, unit: str) -> float:
-    """Return the factor of a unit to the SI unit of a quantity; without one it is that unit."""
-    if not unit:
-        return 1.0
-    known = units.UNITS.get(units.normal(unit) or "")
-    if known is None or known.quantity != quantity.kind:
+def _factor(where: str, quantity: Quantity, chosen: str, stated: str = "") -> float:
+    """Return the factor to the SI unit of a quantity; without a unit it is that."""
+    match = _SCALED.fullmatch(chosen)
+    factor, unit = (float(match[1]), match[2]) if match else (1.0, chosen)
+    known = _unit_factor(quantity, unit := unit or stated)
+    if known is None:
         raise CanrollError(f"{where}: {quantity.label} in '{unit}': its unit is as {quantity.unit}")
-    return float(known.factor)
+    return factor * known
+
+
+def _unit_factor(quantity: Quantity, unit: str) -> float | None:
+    """Return the factor of a unit, 1 of none, None if the quantity cannot be in it."""
+    if quantity is TIME or not unit:
+        return TIME_UNITS.get(unit.casefold() or quantity.unit, None if unit else 1.0)
+    known = units.UNITS[units.normal(unit) or ""]
+    return float(known.factor) if known.quantity == quantity.kind else None
+
+
+_BY_NAME = {"time": TIME, **QUANTITIES}
+_SCALED = re.compile(r"(\d*\.?\d+)\*(.*)")

@@ -171,6 +171,7 @@ def option_of(log: Log, signal: str, unit: str, *, turned: bool) -> str:
     """Return the option that reads a signal in another unit ("": the same) or sign."""
     choice = log.channels[signal].choice
     own = choice.unit if abs(choice.factor) == 1.0 else ""  # else it is that of a map
+    unit = unit and choice.unit[: choice.unit.rfind("*") + 1] + unit
     sign = "-" if turned != (choice.factor < 0.0) else ""
     return f"--signal {signal}={sign}{choice.name}" + (f":{unit or own}" if unit or own else "")
 

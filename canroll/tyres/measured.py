@@ -6,19 +6,18 @@ SAE J670, or SAE adapted by Pacejka (Tire and Vehicle Dynamics, appendix 1), in 
 rises with the slip angle.
 """
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import nan, pi
+from math import pi
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.documents import text
-from canroll.errors import CanrollError, reason
+from canroll.errors import CanrollError
 from canroll.typing import Vector
+from plant_sim.driving.columns import read_table
 
 
 class Column(NamedTuple):
@@ -42,7 +41,6 @@ COLUMNS = {
 OPTIONAL = "camber"
 AXES = {"iso": (1.0, 1.0), "sae": (-1.0, -1.0), "adapted-sae": (1.0, -1.0)}
 """Factors of slip angle and lateral force to those of ISO 8855; the camber is the same in all."""
-COMMENTS = ("#", "%", "$", "!")
 LEAST_LOAD = 50.0
 """Load (N) below which the largest of a table is taken for one in kN."""
 LINEAR = 0.4
@@ -103,15 +101,16 @@ def read(path: Path, axes: str) -> MeasuredTyre:
         CanrollError: it cannot be read, lacks a column, has values that cannot be those of its
             unit, or signs that are not those of its axes.
     """
-    header, rows = _rows(path)
+    table = read_table(path)
+    if not table.names:
+        raise CanrollError(f"{path}: no table: a line with the names of columns, then numbers")
     numbers, names, remarks = {}, {}, []
     for key, column in COLUMNS.items():
-        place, factor = _column(path, header, column, needed=key != OPTIONAL)
-        if place is None:
-            numbers[key] = np.zeros(len(rows))
-            continue
-        names[key] = header[place]
-        numbers[key] = factor * np.array([_number(path, row, place, header) for row in rows])
+        place, factor = _column(path, table.names, column, needed=key != OPTIONAL)
+        if place is not None:
+            names[key] = table.names[place]
+            numbers[key] = factor * table.numbers(place)
+    numbers.setdefault(OPTIONAL, np.zeros_like(numbers["force"]))
     whole = np.isfinite(np.column_stack(list(numbers.values()))).all(axis=1)
     if not whole.all():
         remarks.append(f"{path.name}: {np.sum(~whole)} rows without a number: left out")
@@ -137,25 +136,6 @@ def read(path: Path, axes: str) -> MeasuredTyre:
     )
 
 
-def _rows(path: Path) -> tuple[list[str], list[list[str]]]:
-    """Header and rows without comments and empty lines; each row begins with its line's number."""
-    try:
-        lines = list(enumerate(text(path).splitlines(), 1))
-    except (OSError, ValueError) as error:
-        raise CanrollError(f"cannot read {path}: {reason(error)}") from error
-    lines = [
-        (number, line)
-        for number, line in lines
-        if line.strip() and not line.strip().startswith(COMMENTS)
-    ]
-    if len(lines) < 2:
-        raise CanrollError(f"{path}: no table: a line with the names of columns, then numbers")
-    delimiter = next((mark for mark in (";", "\t") if mark in lines[0][1]), ",")
-    parsed = list(csv.reader((line for _, line in lines), delimiter=delimiter))
-    header = [name.strip() for name in parsed[0]]
-    return header, [[str(n), *row] for (n, _), row in zip(lines[1:], parsed[1:], strict=True)]
-
-
 def _column(
     path: Path, header: Sequence[str], column: Column, *, needed: bool
 ) -> tuple[int | None, float]:
@@ -175,16 +155,6 @@ def _column(
         units = " or ".join(f"{column.names[0]}_{unit}" for unit in column.units)
         raise CanrollError(f"{path}: no column of the {column.label}: name it {units}")
     return places[0], known[header[places[0]].lower()]
-
-
-def _number(path: Path, row: Sequence[str], place: int, header: Sequence[str]) -> float:
-    cell = row[place + 1].strip() if place + 1 < len(row) else ""
-    try:
-        return float(cell) if cell else nan
-    except ValueError as error:
-        raise CanrollError(
-            f"{path}, line {row[0]}: {header[place]}: '{cell}' is no number"
-        ) from error
 
 
 def _check_units(path: Path, values: dict[str, Vector], names: dict[str, str]) -> None:

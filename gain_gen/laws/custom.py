@@ -1,6 +1,5 @@
 """A user's own gains: state feedback, or a discrete compensator."""
 
-import io
 import math
 import zipfile
 from collections.abc import Mapping
@@ -23,14 +22,6 @@ MOST_NUMBERS = 1000
 """Numbers of a matrix of gains."""
 MOST_MEMORY, MOST_SECONDS = 2 << 30, 60.0
 """Of the process that reads a .mat file: bytes, s."""
-_MAT_TO_NPZ = f"""
-import math, sys, numpy, scipy.io
-for name, shape, kind in scipy.io.whosmat(sys.argv[1]):
-    if math.prod(shape) > {MOST_NUMBERS}:
-        raise ValueError(f"{{name}} has more than {MOST_NUMBERS} numbers")
-found = scipy.io.loadmat(sys.argv[1])
-numpy.savez(sys.stdout.buffer, **{{k: v for k, v in found.items() if not k.startswith("__")}})
-"""
 FEEDBACK = ("K", "Kff")
 COMPENSATOR = ("A", "B", "C", "D", "E")
 NAMES = (*FEEDBACK, *COMPENSATOR)
@@ -54,7 +45,9 @@ def read_matrices(path: Path) -> dict[str, Matrix]:
             with np.load(path) as stored:
                 entries = dict(stored)
         elif path.suffix == ".mat":
-            entries = _read_mat(path)
+            entries = documents.read_mat(
+                path, MOST_NUMBERS, memory=MOST_MEMORY, seconds=MOST_SECONDS
+            )
         elif path.suffix == ".toml":
             entries = documents.toml(path)
         else:
@@ -106,23 +99,6 @@ def _refuse_large(path: Path) -> None:
                 raise ValueError(f"{Path(name).stem} has more than {MOST_NUMBERS} numbers")
         if len(archive.namelist()) > len(NAMES):
             raise ValueError(f"more than {len(NAMES)} matrices")
-
-
-def _read_mat(path: Path) -> dict[str, np.ndarray[Any, Any]]:
-    """Return the arrays of a .mat file, read in a separate process.
-
-    scipy's reader ends the process on some damaged files.
-    """
-    try:
-        converted = documents.read_apart(
-            _MAT_TO_NPZ, path, memory=MOST_MEMORY, seconds=MOST_SECONDS
-        )
-        with np.load(io.BytesIO(converted)) as stored:
-            return dict(stored)
-    except ValueError as error:
-        raise CanrollError(
-            f"cannot read matrices {path}: not a .mat file that scipy can read: {reason(error)}"
-        ) from error
 
 
 @law(matrices=True)

@@ -4,9 +4,7 @@ A bus log needs a network description (DBC, KCD, ARXML or SYM). Without one an M
 and a CSV has a column ``time``.
 """
 
-import csv
-import io
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import lru_cache
@@ -28,6 +26,7 @@ from plant_sim.can_bus.logs.databases import DAMAGED_MF4
 from plant_sim.can_bus.traffic.log_name import LogName, log_name
 from plant_sim.can_bus.traffic.log_reader import Logged, read_log, select_channel
 from plant_sim.can_bus.wire.frame import EXTENDED, REMOTE
+from plant_sim.driving.columns import rows as rows_of
 
 CSV_UNITS: Final = {
     "steering_wheel_deg": "deg",
@@ -127,8 +126,8 @@ def read_over(file: str, over: str, known: Collection[str]) -> tuple[Signal, ...
         CanrollError: the file cannot be read, or a column has no two values.
     """
     path = Path(file)
-    rows = list(_rows(path))
-    names = [name.strip() for name in rows[0][1]] if rows else []
+    rows = rows_of(path)
+    names = rows[0][1] if rows else []
     others = [name for name in names if name != over]
     for name in others:
         if name not in known:
@@ -149,8 +148,9 @@ def columns(file: str) -> tuple[str, ...]:
     Raises:
         CanrollError: it cannot be read.
     """
-    first = next(_rows(Path(file)), (0, []))
-    return tuple(name.strip() for name in first[1])
+    path = Path(file)
+    _state(path)
+    return tuple(next(iter(rows_of(path)), (0, []))[1])
 
 
 def channels(file: str) -> Collection[str]:
@@ -206,22 +206,12 @@ def _read(file: str, names: tuple[str, ...], dbc: str, _state: object) -> tuple[
     path = Path(file)
     if path.suffix.lower() == ".mf4":
         return _of_mf4(path, names)
-    rows = list(_rows(path))
+    rows = rows_of(path)
     return tuple(_of_csv(path, rows, name) for name in names)
 
 
-def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows of a CSV that are not empty, with their lines."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
-            yield from ((reader.line_num, row) for row in reader if row)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise CanrollError(f"cannot read signal file {path}: {reason(error)}") from error
-
-
 def _of_csv(path: Path, rows: list[tuple[int, list[str]]], name: str, over: str = "time") -> Signal:
-    header = [text.strip() for text in rows[0][1]] if rows else []
+    header = rows[0][1] if rows else []
     if header.count(name) != 1 or header.count(over) != 1:
         raise CanrollError(
             f"{path}: line 1: the header must name the columns {over} and {name} once; it has "
@@ -258,8 +248,7 @@ def _measurement(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
         raise MissingExtraError("reading an .mf4", "asammdf")
     program = f"NAMES = {list(names)!r}\n{_MF4_TO_NPZ}"
     try:
-        with np.load(io.BytesIO(documents.read_apart(program, path))) as stored:
-            return dict(stored)
+        return documents.read_apart(program, path)
     except ValueError as error:
         raise CanrollError(f"{path}: not a readable measurement: {DAMAGED_MF4}") from error
 

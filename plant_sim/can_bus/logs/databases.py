@@ -1,13 +1,11 @@
 """Logs in MDF 4 (``.mf4``, ASAM) and in python-can's SQLite tables (``.db``), by its readers."""
 
-import io
 import sqlite3
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
 import can
-import numpy as np
 
 from canroll import documents
 from canroll.errors import CanrollError, MissingExtraError
@@ -58,8 +56,7 @@ def read_mf4(path: Path, remarks: Remarks) -> list[Numbered]:
     if find_spec("asammdf") is None:
         raise MissingExtraError("reading an .mf4", "asammdf")
     try:
-        with np.load(io.BytesIO(documents.read_apart(_MF4_TO_NPZ, path))) as stored:
-            table = dict(stored)
+        table = documents.read_apart(_MF4_TO_NPZ, path)
     except ValueError as error:
         raise CanrollError(DAMAGED_MF4) from error
     if not table["counts"].any():

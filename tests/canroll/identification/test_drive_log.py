@@ -4,6 +4,7 @@ import can
 import cantools
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 import dbc
 from canroll.errors import CanrollError
@@ -83,22 +84,160 @@ def test_a_missing_signal_is_named_with_the_remedy(tmp_path):
         (None, "cannot read"),
         ("", "line 1: no column time or time_s"),
         (HEADER.replace("time,", "clock,") + "\n0,1,2,3,4,5", "line 1: no column time or time_s"),
-        (HEADER.replace(",", ";") + "\n0;1;2;3;4;5", "line 1: no column time or time_s"),
-        ("\n".join([HEADER, *ROWS, "0.03,fast,72,5,0.1,0.01"]), "row 5: .*'fast' is no number"),
+        (HEADER.replace(",", ";") + "\n0;1;2;3;4;5", "column time has fewer than two numbers"),
+        ("\n".join([HEADER, *ROWS, "0.03,fast,72,5,0.1,0.01"]), "line 5: .*'fast' is no number"),
         ("\n".join([HEADER, ROWS[0]]), "column time has fewer than two numbers"),
         ("\n".join([HEADER, *ROWS[:2]]).replace(",10,", ",,"), "steering_wheel_deg has fewer than"),
         # a decimal comma
-        ("\n".join([HEADER, *ROWS, "0,03,30,72,6,0,4,0,01"]), "row 5: 9 values in 6 columns"),
+        ("\n".join([HEADER, *ROWS, "0,03,30,72,6,0,4,0,01"]), "line 5: 9 values in 6 columns"),
+        ("\n\n".join([HEADER, *ROWS, "0.03,fast,72,5,0.1,0.01"]), "line 9: .*'fast' is no number"),
+        (
+            "time;steering;speed\n0,1;1;2\n0,2;1.5;2\n",
+            "line 2: time: '0,1' and line 3: steering: '1.5'",
+        ),
+        ("time,s;steering,a;speed\n1,1,1;2;3\n", "line 1: commas or semicolons: keep one"),
+        (
+            "\n".join([HEADER.replace("ay_g", "yaw_rate_deg_s"), *ROWS]),
+            "2 columns are called yaw_rate",
+        ),
+        (
+            b"PK\x03\x04" + bytes(30),
+            "an Excel workbook, or another zip archive: export the signals",
+        ),
+        (b"\xd0\xcf\x11\xe0" + bytes(30), "an Excel workbook: export the signals as CSV"),
+        (b"MATLAB 7.3 MAT-file, Platform", r"version 7\.3 \(HDF5\): save it in MATLAB with -v7"),
+        (b"MATLAB 5.0 MAT-file, Platform", "not a .mat file that scipy can read"),
     ],
 )
 def test_a_file_that_is_no_log_is_refused_in_one_line(tmp_path, content, message):
     path = tmp_path / "drive.csv"
-    if content is not None:
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    elif content is not None:
         path.write_text(content)
     with pytest.raises(CanrollError, match=message) as refused:
         read(str(path), {})
     assert str(path) in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+PLAIN = {
+    "time": [10.0, 10.5, 11.0],
+    "steering": [0.1, 0.2, 0.3],
+    "speed": [20.0, 20.5, 21.0],
+    "yaw_rate": [-0.125, 0.0, 0.25],
+}
+"""A drive in SI units."""
+
+
+def written(names, mark=",", factors=(1.0, 1.0, 1.0, 1.0)):
+    """Return the text of a CSV of the drive, its columns under other names and in other units."""
+    rows = np.transpose([np.multiply(f, v) for f, v in zip(factors, PLAIN.values(), strict=True)])
+    cells = [[f"{value:.10g}" for value in row] for row in rows]
+    if mark != ",":
+        cells = [[cell.replace(".", ",") for cell in row] for row in cells]
+    return "\n".join(mark.join(row) for row in [names, *cells]) + "\n"
+
+
+def assert_plain(log):
+    assert {*log.channels} == {*PLAIN} - {"time"}
+    for name, channel in log.channels.items():
+        assert channel.times == pytest.approx(PLAIN["time"])
+        assert channel.values == pytest.approx(PLAIN[name])
+
+
+DEGREES = [1e3, *np.degrees([1.0]), 3.6, *np.degrees([1.0])]
+
+
+@pytest.mark.parametrize(
+    ("content", "options"),
+    [
+        (written([*PLAIN], ";"), []),
+        (written([*PLAIN], "\t"), []),
+        (written(["# time(s)", "steering(rad)", " vx (m/s) ", "yaw_rate[rad/s]"]), []),
+        (
+            written(["time_ms", "Steering [deg]", "Speed (KMPH)", "Yaw Rate (°/s)"], ",", DEGREES),
+            [],
+        ),
+        (written(["Time [ms]", "steering_deg", "vx_kmh", "yaw_rate_degps"], ";", DEGREES), []),
+        ("% a car\n\n%" + written([*PLAIN]), []),
+        (written(["t (µs)", *[*PLAIN][1:]], ",", [1e6, 1, 1, 1]), []),
+        ("# a car\n" + written([*PLAIN]).replace("\n10.5", "\n# lunch\n10.5"), []),
+        (
+            written(["# clock", "delta", "vx_mps", "r_degps"], ",", [1e9, 0.0625, 1, DEGREES[1]]),
+            ["time=clock:ns", "steering=delta:16*rad", "yaw_rate=r_degps"],
+        ),
+        (
+            written(["clock(s)", "delta_deg", "vx", "r"], ",", [1e3, DEGREES[1] / 16, 1, -1]),
+            ["time=clock:ms", "steering=delta_deg:16*", "yaw_rate=-r:rad/s"],
+        ),
+    ],
+)
+def test_columns_of_other_loggers_are_those_of_the_drive(tmp_path, content, options):
+    path = tmp_path / "drive.txt"
+    path.write_bytes(content.encode("cp1252" if "°" in content else "utf-8"))
+    assert_plain(read(str(path), dict(map(choice_of, options))))
+
+
+def test_a_log_without_times_has_a_rate(tmp_path):
+    path = tmp_path / "drive.csv"
+    path.write_text(written([*PLAIN]))
+    log = read(str(path), {}, rate=4.0)
+    assert log.channels["speed"].times == pytest.approx([0.0, 0.25, 0.5])
+    assert log.remarks == ("times are those of --rate 4, not of the column time",)
+    for rate, choice, message in (
+        (0.0, {}, "--rate 0: must be positive"),
+        (np.nan, {}, "--rate nan: must be positive"),
+        (4.0, dict([choice_of("time=time:ms")]), "--signal time has the times: omit one"),
+    ):
+        with pytest.raises(CanrollError, match=message):
+            read(str(path), choice, rate=rate)
+    path.write_text(written(["Clock", "steering", "speed", "yaw_rate"]))
+    with pytest.raises(
+        CanrollError, match=r"--signal time=NAME:UNIT, or .* --rate HZ; it has Clock"
+    ):
+        read(str(path), {})
+
+
+def test_what_an_option_leaves_out_is_left_out(tmp_path):
+    path = tmp_path / "drive.csv"
+    path.write_text(written(["time", "steering", "speed", "roll"]))
+    assert "roll" in read(str(path), {}).channels
+    with pytest.raises(CanrollError, match="no yaw rate, no lateral acceleration, no roll rate"):
+        read(str(path), dict([choice_of("roll=")]))
+
+
+@pytest.mark.parametrize("form", ["4", "5"])
+def test_vectors_of_a_mat_file_are_the_drive(tmp_path, form):
+    path = tmp_path / "drive.csv"
+    savemat(path, {**PLAIN, "note": "wet"}, format=form, appendmat=False)
+    if form == "4":
+        # its first bytes say nothing
+        path = path.rename(tmp_path / "drive.mat")
+    assert_plain(read(str(path), {}))
+
+
+def test_vectors_in_structs_of_a_mat_file_are_named_as_in_matlab(tmp_path):
+    path = tmp_path / "drive.mat"
+    signals = np.empty(2, object)
+    signals[:] = [{"values": PLAIN["steering"]}, {"values": PLAIN["speed"]}]
+    savemat(path, {"can": {"t": PLAIN["time"], "signals": signals}, "imu": {"r": [1, 2]}})
+    with pytest.raises(CanrollError, match=r"it has can\.t, can\.signals\{1\}\.values, .*imu\.r$"):
+        read(str(path), {})
+    options = ["time=can.t", "steering=can.signals{1}.values:rad", "speed=can.signals{2}.values"]
+    with pytest.raises(CanrollError, match=r"imu\.r has 2 numbers, its times are 3"):
+        read(str(path), dict(map(choice_of, [*options, "yaw_rate=imu.r"])))
+    log = read(str(path), dict(map(choice_of, [*options, "yaw_rate=can.signals{2}.values"])))
+    assert log.channels["steering"].values == pytest.approx(PLAIN["steering"])
+
+
+def test_a_mat_file_without_vectors_says_what_it_has(tmp_path):
+    path = tmp_path / "drive.mat"
+    savemat(path, {"data": np.ones((5, 3)), "gain": 2.0})
+    with pytest.raises(
+        CanrollError, match=r"no vector of numbers, but data \(5, 3\), gain \(1, 1\)"
+    ):
+        read(str(path), {})
 
 
 def test_an_empty_value_after_the_last_column_is_none(tmp_path):

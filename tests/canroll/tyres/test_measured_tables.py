@@ -102,7 +102,7 @@ def test_signs_of_no_axes_are_named(table):
         ((HEAD.replace("load_n", "weight"), *ROWS), "no column of the load: name it load_n or"),
         ((HEAD.replace("camber", "alpha"), *ROWS), "slip_angle_deg and alpha_deg are both the"),
         ((HEAD.replace("angle_deg", "angle"), *ROWS), r"slip_angle: up to 4 rad: if it is in deg"),
-        ((HEAD, *ROWS, "4,3,x,-2"), "t.csv, line 6: camber_deg: 'x' is no number"),
+        ((HEAD, *ROWS, "4,3,x,-2"), "t.csv: line 6: camber_deg: 'x' is no number"),
         ((HEAD, *ROWS, "4,-3000,0,-2000"), "load_n: -3000 N: a load must be positive"),
         ((HEAD, *(row.replace("3000", "3") for row in ROWS)), "up to 3 N: if it is in kN"),
         ((HEAD, *(row[:-5] + ",0" for row in ROWS[:1])), "all forces are 0"),
