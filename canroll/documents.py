@@ -223,13 +223,14 @@ def read_mat(
         OSError: it cannot be read.
         ValueError: scipy cannot read it, or an array is larger.
     """
-    if binary_kind(path).endswith("(HDF5)"):
-        raise ValueError(f"{binary_kind(path)}: save it in MATLAB with -v7, or export CSV")
     program = f"MOST = {most}\n{_MAT_TO_NPZ}"
     try:
         arrays = read_apart(program, path, memory=memory, seconds=seconds)
     except ValueError as error:
-        raise ValueError(f"not a .mat file that scipy can read: {reason(error)}") from error
+        why = f"not a .mat file that scipy can read: {reason(error)}"
+        if "HDF" in binary_kind(path) + why:
+            why = "of version 7.3 (HDF5): save it in MATLAB with -v7, or export CSV"
+        raise ValueError(why) from error
     return {name.removeprefix("at "): array for name, array in arrays.items()}
 
 

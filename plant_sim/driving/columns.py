@@ -45,7 +45,7 @@ class LogTable:
         Raises:
             CanrollError: none or several.
         """
-        plain = name.strip(" #%")
+        plain = " ".join(name.strip(" #%").split())
         places = [i for i, known in enumerate(self.names) if known == plain]
         places = places or [i for i, known in enumerate(self.names) if parted(known)[0] == plain]
         if not places:
@@ -114,7 +114,7 @@ def parted(column: str) -> tuple[str, str]:
 def rows(path: Path) -> list[tuple[int, list[str]]]:
     """Return the header and the rows of a CSV that are not empty, each with its line.
 
-    Cells are without blanks around them, numbers with decimal points.
+    Cells have single blanks and none around them, numbers with decimal points.
 
     Raises:
         CanrollError: the file cannot be read, is none of text, has a row longer than its header, or
@@ -131,7 +131,8 @@ def rows(path: Path) -> list[tuple[int, list[str]]]:
         marks = same
     try:
         reader = csv.reader(lines, delimiter=marks[0] if marks else ",")
-        table = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if row]
+        read = ((reader.line_num, row) for row in reader if row)
+        table = [(line, [" ".join(cell.split()) for cell in row]) for line, row in read]
     except csv.Error as error:
         raise CanrollError(f"cannot read {path}: {reason(error)}") from error
     names = table[0][1] if table else []

@@ -106,6 +106,7 @@ def test_a_missing_signal_is_named_with_the_remedy(tmp_path):
         ),
         (b"\xd0\xcf\x11\xe0" + bytes(30), "an Excel workbook: export the signals as CSV"),
         (b"MATLAB 7.3 MAT-file, Platform", r"version 7\.3 \(HDF5\): save it in MATLAB with -v7"),
+        ('"time,steering\n0,1\n', "no column time .* it has time,steering 0,1$"),
         (b"MATLAB 5.0 MAT-file, Platform", "not a .mat file that scipy can read"),
     ],
 )

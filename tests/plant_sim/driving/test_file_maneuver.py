@@ -238,6 +238,8 @@ def test_signal_files(tmp_path):
     [
         ("", "header"),
         ("time,speed\n0,1\n", "header"),
+        ("time,steering_wheel_deg\n0,5,0\n", "line 2: 3 values in 2 columns"),
+        ("PK\x03\x04", "an Excel workbook, or another zip archive: export the signals as CSV"),
         ("time,speed\n0,1\n", r"unit=UNIT \(deg, rad, m/s2\); it has time, speed"),
         ("time,lateral_acceleration\n0,1\n", "two rows"),
         ("time,lateral_acceleration\n0,1\n0,2\n", "line 3: time must increase"),
@@ -263,6 +265,7 @@ def test_signal_file_is_needed_and_must_exist(tmp_path):
     ("text", "options", "expected"),
     [
         ("time,steering_wheel_deg\n0,0\n1,180\n", {}, np.pi),
+        ("time;steering_wheel_deg\n0;0\n1;180,0\n", {}, np.pi),
         ("time,v,LWI\n0,9,0\n1,9,2\n", {"column": "LWI", "unit": "rad"}, 2.0),
         ("LWI,time\n0,5\n90,6\n", {"column": "LWI", "unit": "deg"}, np.pi / 2),
     ],
