@@ -8,12 +8,12 @@ import sys
 import tomllib
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any
 
 from canroll.errors import CanrollError, UnknownNameError, reason
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 MOST_BYTES = 16 << 20
 """Size of a text file; a larger one is not what it is taken for."""
@@ -129,7 +129,7 @@ def table(value: object, where: str) -> dict[str, Any]:
 
 def read_apart(
     program: str, path: Path, *, memory: int = MOST_MEMORY, seconds: float = MOST_SECONDS
-) -> dict[str, NDArray[Any]]:
+) -> "dict[str, NDArray[Any]]":
     """Return the arrays that a Python program makes of the file ``path``, by name.
 
     It runs in a separate process, which a reader in compiled code may end at a damaged file.
@@ -155,6 +155,8 @@ def read_apart(
     if done.returncode:
         errors = done.stderr.decode("utf-8", "replace").strip().splitlines()
         raise ValueError(errors[-1] if errors and done.returncode > 0 else "the reader crashed")
+    import numpy as np  # noqa: PLC0415 - nothing else here needs it
+
     with np.load(io.BytesIO(done.stdout)) as stored:
         return dict(stored)
 
@@ -214,7 +216,7 @@ numpy.savez(sys.stdout.buffer, **table)
 
 def read_mat(
     path: Path, most: int, *, memory: int = MOST_MEMORY, seconds: float = MOST_SECONDS
-) -> dict[str, NDArray[Any]]:
+) -> "dict[str, NDArray[Any]]":
     """Return the arrays of a .mat file of versions 4 to 7.2 by name, of ``most`` numbers each.
 
     Fields are named as in MATLAB: ``struct.field``, ``struct(2).field``, ``cell{2}``.

@@ -29,7 +29,7 @@ from canroll.runs.trace import Trace
 from canroll.typing import Vector
 from plant_sim.bodies.ports import AXLES, WHEELS
 from plant_sim.world.spool import blocks, pieces, row_count
-from vehicles import GRAVITY
+from vehicles import GRAVITY, Vehicle
 
 PASSIVE_COLOUR = 0
 CONES_COLOUR = 2
@@ -353,3 +353,31 @@ def all_figures(runs: Sequence[Shown], cones: Vector) -> list[Figure]:
     figures = [*motion(runs), *path(runs, cones), *control(runs), *bus(runs)]
     # those of FIRST in its order, then all others in theirs
     return sorted(figures, key=lambda each: (*FIRST, each.id).index(each.id))
+
+
+def derived(vehicle: Vehicle) -> dict[str, tuple[CurveQuantity, str]]:
+    """Return signals of handling that follow from the recorded ones: quantity and SI unit by name.
+
+    All but the sideslip are of the single-track model of ISO 8855, at the middle of each axle. A
+    slip angle is positive where the wheels point to the left of their way, so that its force does
+    too; there is none where tables of the axles turn the wheels by more than the steering's ratio.
+    """
+    ahead, behind = vehicle.geometry.cg_to_front_axle, vehicle.geometry.cg_to_rear_axle
+    axles, motion = vehicle.axles, ("vx", "vy", "yaw_rate")
+    quantities = {
+        "steering_wheel_angle": signal("steer", vehicle.steering.ratio),
+        "sideslip": CurveQuantity(("vx", "vy"), lambda vx, vy: np.arctan2(vy, vx)),
+        "understeer_angle": CurveQuantity(
+            ("steer", "vx", "yaw_rate"),
+            lambda steer, vx, rate: steer - np.arctan2((ahead + behind) * rate, vx),
+        ),
+    }
+    if axles is None or not (axles.moves_wheels or axles.front.steering):
+        quantities["slip_angle_front"] = CurveQuantity(
+            ("steer", *motion),
+            lambda steer, vx, vy, rate: steer - np.arctan2(vy + ahead * rate, vx),
+        )
+        quantities["slip_angle_rear"] = CurveQuantity(
+            motion, lambda vx, vy, rate: np.arctan2(behind * rate - vy, vx)
+        )
+    return {name: (quantity, "rad") for name, quantity in quantities.items()}

@@ -15,8 +15,7 @@ import dbc
 from canroll.reaction.fault_codes import FAULT_CODES
 from canroll.reaction.reaction import mode_changes
 from canroll.report.columns import column, every, instants, packed_bytes, payloads
-from canroll.report.curves import MOMENT, CurveQuantity, Shown, transfer
-from canroll.report.handling import derived
+from canroll.report.curves import MOMENT, CurveQuantity, Shown, derived, transfer
 from canroll.runs.metrics import has_wheel_loads
 from canroll.runs.result import Result, Settings
 from canroll.runs.trace import TICK, Trace

@@ -4,13 +4,26 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from canroll.arguments import require
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.registry import Registry
 
 ON, OFF = ("on", "true", "1"), ("off", "false", "0")
+
+
+@runtime_checkable
+class StateSpace(Protocol):
+    """A linear system with matrices ``A`` to ``D``, such as python-control's ``ss`` makes.
+
+    Its ``dt``, if it has one, is its sample time in s: 0 is continuous, None and True say nothing.
+    """
+
+    A: Any
+    B: Any
+    C: Any
+    D: Any
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

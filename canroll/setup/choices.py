@@ -13,8 +13,7 @@ from types import NoneType
 from typing import Annotated, Any, TypedDict, get_args, get_origin, get_type_hints
 
 from canroll.errors import CanrollError, UnknownNameError
-from canroll.setup.choice import Choice
-from canroll.typing import StateSpace
+from canroll.setup.choice import Choice, StateSpace
 from codegen.run import BACKENDS
 from gain_gen.laws import LAWS, OBSERVERS
 from plant_sim.bodies import BODIES

@@ -142,7 +142,7 @@ def test_handling_and_buses_have_figures_and_a_table():
 
 def test_a_measured_drive_is_judged_and_fitted():
     log = Path(__file__).parents[2] / "examples/bmw_m8/double_lane_change.csv"
-    car = log.with_name("bmw_m8.toml")
+    car = "bmw_m8"
     verdict = canroll.validate(log, car, end=8.0)
     assert repr(verdict) == f"<{verdict.verdict}>"
     assert verdict.passed == (not any(verdict.table.column("failed")))

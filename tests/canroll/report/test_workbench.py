@@ -10,7 +10,7 @@ from cantools.database import DecodeError
 from support.chromium import tab
 
 import dbc
-from canroll.report.handling import derived
+from canroll.report.curves import derived
 from canroll.report.run_page import run_page
 from canroll.report.workbench import FRAMES_MAX, INSTANTS_MAX, events, unit_of_command
 from canroll.runs import experiment
