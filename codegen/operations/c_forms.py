@@ -111,11 +111,16 @@ def sat32(seen: Value, a: Expression) -> Expression:
 
 
 def clamp(seen: Value, a: Expression, low: Expression, high: Expression) -> Expression:
-    """Limited, with only those bounds that ``a`` can exceed."""
+    """Limited, with only those bounds that ``a`` can exceed.
+
+    One that is a local stays where the other does: else nothing might read the local.
+    """
     a = _signed(a)
     above, below = a.value.hi > high.value.lo, a.value.lo < low.value.hi
     if not above and not below:
         return converted(a, "i32")
+    above |= _is_local(high)
+    below |= _is_local(low)
     width = "" if a.wide else "32"
     if above and below:
         text = f"canroll_clamp{width}({a.text}, {low.text}, {high.text})"
@@ -124,6 +129,10 @@ def clamp(seen: Value, a: Expression, low: Expression, high: Expression) -> Expr
     else:
         text = f"canroll_at_least{width}({a.text}, {low.text})"
     return Expression(text, PRIMARY, "i32", seen)
+
+
+def _is_local(e: Expression) -> bool:
+    return e.text.isidentifier() and e.text.islower()
 
 
 def _signed(e: Expression) -> Expression:

@@ -111,13 +111,14 @@ def accuse_axles(ecu: Ecu, which: i32, mismatch: i32, limit: i32, ticks: i32) ->
     The balance does not tell which lies. What bounces changes its side before. Ticks to the
     negative side count as negative, and none while the lateral acceleration is bad.
     """
+    most: i32 = limit
     if ecu.bad_ticks[BAD_ACCELERATION] > 0:
-        limit = STATE_MAX
+        most = STATE_MAX
     side: i32 = 1
     if mismatch < 0:
         side = -1
     so_far: i32 = clamp(sat31(side * ecu.balance_ticks[which]), 0, ticks)
-    count: i32 = lasting(so_far, beyond(magnitude(mismatch), limit), ticks)
+    count: i32 = lasting(so_far, beyond(magnitude(mismatch), most), ticks)
     ecu.balance_ticks[which] = sat31(side * count)
     if count == ticks:
         ecu.contradicted[0] = 1

@@ -113,7 +113,7 @@ def side_of_curve(memory: NDArray[np.float64]) -> float:
     """Return the sign of the acceleration, 0 where the yaw rate has the other one."""
     if memory[ACCELERATION] * memory[TURNING] < 0.0:
         return 0.0
-    return float(np.sign(memory[ACCELERATION]))
+    return 1.0 if memory[ACCELERATION] > 0.0 else -1.0
 
 
 @njit

@@ -34,7 +34,7 @@ STEERING_NOISE, SPEED_NOISE = 1e-3, 0.01
 DURATION = 8.0
 SPUN = 0.2
 """Sideslip (rad) beyond which a car is lost."""
-VAN = {"mass": 2720.0, "wheelbase": 3.66, "track": 1.735, "height": 2.5}
+VAN = {"mass": 2720.0, "wheelbase": 3.66, "track": 1.735, "height": 2.5, "cg_height": 0.385}
 COVERED = 1.96
 STATES = tuple(unknowns.STATES)
 
