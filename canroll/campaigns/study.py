@@ -58,10 +58,7 @@ class Campaign:
     draws: Columns | None = None
 
     def __repr__(self) -> str:
-        settings = self.plan.settings
-        return (
-            f"<{settings.scenario}, {settings.vehicle_name}, {settings.law_name}: {self.verdict}>"
-        )
+        return f"<{self.plan.settings.title}: {self.verdict}>"
 
     @property
     def table(self) -> Table:

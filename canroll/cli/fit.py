@@ -43,8 +43,6 @@ def run(args: argparse.Namespace) -> int:
     out = folder_of(args)
     if out is not None:
         usable_folder(out)
-    if args.map and not args.dbc:
-        raise CanrollError("--map: it belongs to --dbc: add that, or omit it")
     choices = dict(map(choice_of, args.signal or ()))
     log = read(args.log, choices, dbc=args.dbc, map_file=args.map, rate=args.rate)
     if not args.begin < args.end:

@@ -39,8 +39,6 @@ def run(args: argparse.Namespace) -> int:
     out = folder_of(args)
     if out is not None:
         usable_folder(out)
-    if args.map and not args.dbc:
-        raise CanrollError("--map: it belongs to --dbc: add that, or omit it")
     if not args.begin < args.end:
         raise CanrollError(f"--from {args.begin:g} --to {args.end:g}: nothing is between them")
     settings = ValidationSettings(

@@ -94,7 +94,7 @@ QUANTITIES = {
     },
 }
 """What a log may have, by name."""
-REQUIRED = INPUTS = ("steering", "speed")
+INPUTS = ("steering", "speed")
 """What drives the car: a log must have it."""
 MOTION = ("yaw_rate", "lateral_acceleration", "roll_rate")
 """What is compared of most logs: what of it is missing is remarked."""
@@ -185,9 +185,11 @@ def read(
         rate: samples per second of a CSV or .mat without times.
 
     Raises:
-        CanrollError: the file cannot be read, a required quantity is missing, or a unit cannot be
-            that of its quantity.
+        CanrollError: the file cannot be read, a required quantity is missing, a unit cannot be
+            that of its quantity, or a map is of no network.
     """
+    if map_file and not dbc:
+        raise CanrollError("--map: it belongs to --dbc: add that, or omit it")
     if signal_file.is_csv(file, dbc):
         return _of_table(read_table(Path(file)), choices, rate)
     if rate is not None or "time" in choices:
@@ -197,13 +199,13 @@ def read(
     if map_file:
         mapped = _mapped(Path(dbc), Path(map_file))
         own = {name: one for name, one in mapped.items() if name not in known}
-        known |= {name: one.choice for name, one in own.items() if name in REQUIRED}
+        known |= {name: one.choice for name, one in own.items() if name in INPUTS}
         # a log may be without the frames of what it need not have
         needed = [choice.name for choice in known.values() if choice.name]
-        others = [one.choice.name for name, one in own.items() if name not in REQUIRED]
+        others = [one.choice.name for name, one in own.items() if name not in INPUTS]
         there = signal_file.carried(file, needed, others, dbc)
         for name, one in own.items():
-            if name in REQUIRED or one.choice.name in there:
+            if name in INPUTS or one.choice.name in there:
                 known[name] = one.choice
                 if one.refusal:
                     raise CanrollError(f"{map_file}: {one.refusal}")
@@ -321,7 +323,7 @@ def _recognised(column: str) -> str:
 def _complete(
     file: str, known: Mapping[str, SignalChoice], option: str, names: Sequence[str] = ()
 ) -> None:
-    missing = [QUANTITIES[name].label for name in REQUIRED if name not in known]
+    missing = [QUANTITIES[name].label for name in INPUTS if name not in known]
     if not missing and not set(OUTPUTS) & set(known):
         missing = [QUANTITIES[name].label for name in MOTION]
     if missing:

@@ -95,6 +95,11 @@ class Settings:
         return self.law if self.stage is None else f"{self.law} and {self.stage.name}"
 
     @property
+    def title(self) -> str:
+        """Manoeuvre, vehicle and law."""
+        return f"{self.scenario}, {self.vehicle_name}, {self.law_name}"
+
+    @property
     def bus_name(self) -> str:
         """The bus in a few words: its name, and the file of the user's frames, if any."""
         bus = Path(self.bus).stem if self.bus.endswith(".toml") else self.bus
@@ -230,11 +235,6 @@ class Result:
         pandas = optional("pandas", "to_pandas()", "notebook")
         return pandas.concat(runs, axis="columns", names=["run", "signal"])
 
-    @property
-    def title(self) -> str:
-        """Manoeuvre, vehicle and law."""
-        return f"{self.settings.scenario}, {self.settings.vehicle_name}, {self.settings.law_name}"
-
     def __repr__(self) -> str:
         figures = []
         for metric in (BY_KEY[key] for key in SHOWN):
@@ -243,7 +243,7 @@ class Result:
             texts = [f"{v:.3g}" for v in values if v is not None]
             if texts:
                 figures.append(f"{metric.title} {' → '.join(texts)}")
-        return f"<{self.title}: {self.verdict}; {', '.join(figures)}>"
+        return f"<{self.settings.title}: {self.verdict}; {', '.join(figures)}>"
 
     def _repr_html_(self) -> str:
         """The verdict and the figures, for a notebook."""
@@ -256,7 +256,7 @@ class Result:
             cells = "".join(f"<td>{'' if v is None else f'{v:.3g}'}</td>" for v in values)
             rows += f"<tr><th>{escape(metric.title)}</th>{cells}</tr>"
         return (
-            f"<p><b>{escape(self.title)}</b><br>{escape(self.verdict)}</p>"
+            f"<p><b>{escape(self.settings.title)}</b><br>{escape(self.verdict)}</p>"
             f"<table><tr><th></th>{head}</tr>{rows}</table>"
         )
 

@@ -118,8 +118,6 @@ def validate(
 def _read(
     log: str | Path, signals: Mapping[str, str] | None, dbc: str | Path, map_file: str | Path
 ) -> Log:
-    if map_file and not dbc:
-        raise CanrollError("map: it belongs to dbc: add that, or omit it")
     named = (f"{name}={text}" for name, text in (signals or {}).items())
     return read(str(log), dict(map(choice_of, named)), dbc=str(dbc), map_file=str(map_file))
 

@@ -79,12 +79,14 @@ def share_by_side(own: i32, other: i32, value: i32, mismatch: i32) -> i32:
     return share(value, other)
 
 
-def lateral_uncertainty(ecu: Ecu, cal: Calibration, shown: i32, moment: i32, mismatch: i32) -> i32:
-    """Return what the model may be wrong by in what is ``shown`` of the lateral acceleration."""
-    uncertainty: i32 = share_by_side(cal.lateral_share[0], cal.lateral_share[1], shown, mismatch)
+def lateral_uncertainty(
+    ecu: Ecu, cal: Calibration, apparent: i32, moment: i32, mismatch: i32
+) -> i32:
+    """Return what the model may be wrong by in what is ``apparent`` of the lateral acceleration."""
+    uncertainty: i32 = share_by_side(cal.lateral_share[0], cal.lateral_share[1], apparent, mismatch)
     uncertainty = sat31(uncertainty + share(moment, cal.lateral_share[2]))
     if within(ecu, cal.response_limit) == 0:
-        uncertainty = sat31(uncertainty + share(shown, cal.limit_share[1]))
+        uncertainty = sat31(uncertainty + share(apparent, cal.limit_share[1]))
     return uncertainty
 
 
@@ -245,8 +247,8 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     if ecu.response_known == BOTH:
         turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
         by_yaw_rate: i32 = product(turning - ecu.lateral_acceleration, cal.response_lateral, 20)
-        shown: i32 = sat31(lateral_mismatch + by_force)
-        excused: i32 = lateral_uncertainty(ecu, cal, shown, moment, lateral_mismatch)
+        apparent: i32 = sat31(lateral_mismatch + by_force)
+        excused: i32 = lateral_uncertainty(ecu, cal, apparent, moment, lateral_mismatch)
         watch_lateral_balance(ecu, cal, lateral_mismatch, by_yaw_rate, excused)
         watch_model(ecu, cal, by_force, lateral_mismatch)
         may_be: i32 = force_uncertainty(ecu, cal, by_force, lateral_mismatch) + share(

@@ -92,18 +92,18 @@ class _Programme:
         unknowns |= dict.fromkeys(names, NONNEG)
         if loop.trigger:
             unknowns["switching"] = SCALAR
-        found = minimise(self._forms, unknowns, Clock(), strict=STRICT)
-        if found is None:
+        point = minimise(self._forms, unknowns, Clock(), strict=STRICT)
+        if point is None:
             return None
-        m, d, c = (np.array([found[name] for name in names if name[0] == kind]) for kind in "mdc")
-        p = found["p"] / np.outer(self._sizes, self._sizes)
+        m, d, c = (np.array([point[name] for name in names if name[0] == kind]) for kind in "mdc")
+        p = point["p"] / np.outer(self._sizes, self._sizes)
         w = np.linalg.inv(p)
         return LyapunovPoint(
             p,
             self._decay,
             d / self._unit**2,
             m / self._inputs[:-1] ** 2,
-            2.0 * found["switching"] / self._unit**2 if loop.trigger else 0.0,
+            2.0 * point["switching"] / self._unit**2 if loop.trigger else 0.0,
             float(np.sqrt(loop.roll @ w @ loop.roll)),
             w,
             2.0 * c / self._unit**2,

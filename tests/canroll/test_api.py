@@ -70,20 +70,20 @@ def test_a_design_needs_a_task_or_vehicle_and_delay():
 
 def test_a_drive_is_stepped_and_moves_as_the_run():
     choices = {"law": "lqr", "plant": "roll1", "seed": 3}
-    whole = canroll.run("double_lane_change", **choices).controlled
+    controlled = canroll.run("double_lane_change", **choices).controlled
     drive = canroll.drive("double_lane_change", **choices)
     assert drive.signals == {}
     roll, modes = [], []
     while drive.step():
         roll.append(drive.signals["roll"])
         modes.append(drive.mode)
-    assert roll == [*whole.signals["roll"][9::10]][: len(roll)]
-    assert len(roll) == len(whole.ticks)
+    assert roll == [*controlled.signals["roll"][9::10]][: len(roll)]
+    assert len(roll) == len(controlled.ticks)
     assert modes[0] == "INIT"
     assert modes[-1] == "ACTIVE"
     assert not drive.step()
     # the records of the ECU's state are the run's, too
-    assert drive.ecu.moment == whole.ticks["moment"][-1] * 2**Q_MOMENT
+    assert drive.ecu.moment == controlled.ticks["moment"][-1] * 2**Q_MOMENT
 
 
 def test_matrices_may_be_given_as_they_are():

@@ -79,9 +79,9 @@ def test_what_makes_no_file_is_one_line(arguments, message, tmp_path, monkeypatc
 def test_each_action_has_its_own_help(action, own, others, capsys):
     with pytest.raises(SystemExit):
         main(["vehicle", action, "--help"])
-    shown = capsys.readouterr().out
-    assert all(text in shown for text in own)
-    assert not any(text in shown for text in others)
+    output = capsys.readouterr().out
+    assert all(text in output for text in own)
+    assert not any(text in output for text in others)
 
 
 def test_ratios_of_lighter_vehicles_are_warned_of(tmp_path, capsys):

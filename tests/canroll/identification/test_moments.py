@@ -12,8 +12,8 @@ from canroll.cli.main import main
 from canroll.errors import CanrollError
 from canroll.identification.drive_log import (
     DELIVERED,
+    INPUTS,
     MOTION,
-    REQUIRED,
     Channel,
     Log,
     SignalChoice,
@@ -44,7 +44,7 @@ def lagged(lag, command=COMMAND, gain=1.0):
 
 def log_of(**values):
     """Return a log that drives straight, but for the signals given."""
-    signals = {name: np.zeros(TIME.size) for name in (*REQUIRED, *MOTION)} | {
+    signals = {name: np.zeros(TIME.size) for name in (*INPUTS, *MOTION)} | {
         "speed": np.full(TIME.size, 20.0),
         **values,
     }
@@ -209,7 +209,7 @@ def test_without_its_moments_a_controlled_car_seems_stiffer(tmp_path):
     assert abs(known.value - truth) < 1.96 * known.deviation
     assert result.vehicle.source("actuators.bars.lag").startswith("fitted ±")
     assert "actuators.bars.lag" in result.vehicle.fit.names
-    others = {n: c for n, c in log.channels.items() if n in (*REQUIRED, *MOTION, "roll")}
+    others = {n: c for n, c in log.channels.items() if n in (*INPUTS, *MOTION, "roll")}
     assert not {*DELIVERED} & {*others}
     blind, _ = stiffness(replace(log, channels=others))
     assert blind.value - truth > 1.96 * blind.deviation

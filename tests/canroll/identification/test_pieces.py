@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
-from canroll.identification.drive_log import MOTION, REQUIRED, Channel, Log, SignalChoice
+from canroll.identification.drive_log import INPUTS, MOTION, Channel, Log, SignalChoice
 from canroll.identification.pieces import RUN_IN, Window, pieces
 
 TIME = 0.01 * np.arange(1000)
-USUAL = (*REQUIRED, *MOTION)
+USUAL = (*INPUTS, *MOTION)
 
 
 def log_of(time=TIME, **channels):

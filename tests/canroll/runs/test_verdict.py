@@ -74,9 +74,9 @@ def test_wheels_on_the_road_are_said(short):
 )
 def test_a_worse_ride_that_is_felt_is_said(short, before, after, words):
     passive = replace(short.passive_metrics, ride_vertical_ms2=before)
-    said = with_control(replace(short, passive_metrics=passive), ride_vertical_ms2=after).verdict
-    assert said.startswith("Control helps: ")
-    assert said.endswith(words) if words else "ride" not in said
+    verdict = with_control(replace(short, passive_metrics=passive), ride_vertical_ms2=after).verdict
+    assert verdict.startswith("Control helps: ")
+    assert verdict.endswith(words) if words else "ride" not in verdict
 
 
 def test_a_rollover_never_helps(short):
