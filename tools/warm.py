@@ -69,7 +69,7 @@ def serve(number: int) -> int:
     with contextlib.redirect_stdout(io.StringIO()), tempfile.TemporaryDirectory() as folder:
         main([*WARM, folder])
     for name in commands.COMMANDS:
-        resolve_name(commands.handler(name))
+        resolve_name(commands.parser_of(name).handler)
     listener = socket.socket(fileno=number)
     while True:
         client, _ = listener.accept()

@@ -22,7 +22,7 @@ SERVED = dict.fromkeys(("serve", "share"), "a served bus is not analysed")
 
 
 def bus(parser: Parser) -> None:
-    """Options of ``canroll bus``."""
+    """Bus load, response times and a bus server."""
     parser.description = (
         "Compare worst-case and simulated response times of a traffic set, or of all segments of a "
         "network; or infer a set from a bus log and bound its response times without and with "

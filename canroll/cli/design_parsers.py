@@ -46,7 +46,7 @@ PROCESSORS = tuple(name for name in BACKENDS if name.startswith("cortex"))
 
 
 def design(parser: Parser) -> None:
-    """Options of ``canroll design``."""
+    """Design a controller and write its calibration."""
     add_choices(parser, (*OF_A_DESIGN, "dbc", "map"), defaults={"bus": None})
     of_a_bus = {name: "the bus has its delay" for name in ("bus", "dbc")}
     parser.add_argument(
@@ -112,7 +112,7 @@ def design(parser: Parser) -> None:
 
 
 def margins(parser: Parser) -> None:
-    """Options of ``canroll margins``."""
+    """Verify a calibration independently of its design."""
     parser.add_argument("calibration", type=path_named, help="calibration.toml of canroll design")
     add_json(parser)
     add_verbose(parser, "the least faults that can be found")
@@ -129,7 +129,7 @@ def margins(parser: Parser) -> None:
 
 
 def certify(parser: Parser) -> None:
-    """Options of ``canroll certify``."""
+    """Prove a calibration stable for every sequence of delays."""
     parser.description = (
         "Prove the loop of a calibration's integers stable for every sequence of delays, bound "
         "what roundings do, and write a certificate that a checker of 420 lines can check alone."
@@ -156,7 +156,7 @@ def certify(parser: Parser) -> None:
 
 
 def timing(parser: Parser) -> None:
-    """Options of ``canroll timing``."""
+    """Instructions, stack and sizes on the target; budget verdict."""
     add_choices(parser, [name for name in OF_A_RUN if name != "backend"])
     parser.add_argument(
         "--scenario", type=scenario, default=DEFAULT_SCENARIO, help="manoeuvre to replay"
@@ -239,7 +239,7 @@ def timing(parser: Parser) -> None:
 
 
 def prove(parser: Parser) -> None:
-    """Options of ``canroll prove``."""
+    """Prove the loop free of overflow for every accepted calibration."""
     parser.add_argument(
         "calibration",
         nargs="?",
@@ -256,7 +256,7 @@ def whole_number(text: str) -> int:
 
 
 def export_c(parser: Parser) -> None:
-    """Options of ``canroll export-c``."""
+    """Export the controller as C99 with test vectors."""
     parser.add_argument("folder", type=Path, help="folder of the bundle")
     add_choices(parser, OF_AN_EXPORT)
     add_choices(parser, ("dbc", "map"))
@@ -303,7 +303,7 @@ def export_c(parser: Parser) -> None:
 
 
 def export_fmu(parser: Parser) -> None:
-    """Options of ``canroll export-fmu``."""
+    """Export ECU, plant or bus as an FMU (FMI 3.0)."""
     parser.add_argument("kind", choices=tuple(OF_AN_FMU), help="part of the run")
     parser.add_argument("out", type=path_named, metavar="OUT.fmu", help="file to write")
     parser.add_argument(

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any, cast
 
 import vehicles
-from canroll.cli.commands import COMMANDS, TASKS, parser_of
+from canroll.cli.commands import COMMANDS, parser_of
 from canroll.cli.options import add_json, path_named
 from canroll.cli.parser import Parser
 from canroll.errors import optional
@@ -28,7 +28,8 @@ REGISTRIES: dict[str, Registry[Any]] = {
 
 
 def completion(parser: Parser) -> None:
-    """Options of ``canroll completion``."""
+    """Script for the completion of a shell."""
+    parser.handler = "canroll.cli.listing:complete"
     parser.description = (
         "Print a script that completes commands, options and names: "
         "source <(canroll completion bash)"
@@ -37,7 +38,8 @@ def completion(parser: Parser) -> None:
 
 
 def listing(parser: Parser) -> None:
-    """Options of ``canroll list``."""
+    """Laws, vehicles, scenarios and their options, buses and bodies by name."""
+    parser.handler = "canroll.cli.listing:run"
     parser.description = (
         "List all names of a kind: built in, or from an installed package's entry points. "
         "Laws, scenarios, buses and bodies can also be named as file.py:name or module:name."
@@ -101,8 +103,8 @@ def complete(args: argparse.Namespace) -> int:
     everything = argparse.ArgumentParser(prog="canroll")
     # only called, never subclassed
     commands = everything.add_subparsers(parser_class=cast(type[argparse.ArgumentParser], _parser))
-    for name in (name for names in TASKS.values() for name in names):
-        parser = commands.add_parser(name, help=COMMANDS[name].help)
+    for name in COMMANDS:
+        parser = commands.add_parser(name, help=COMMANDS.description(name))
         for action in parser._actions:
             _complete(action, shtab.FILE)
     print(shtab.complete(everything, args.shell))

@@ -11,7 +11,7 @@ import traceback
 from collections.abc import Sequence
 from pkgutil import resolve_name
 
-from canroll.cli.commands import COMMANDS, TASKS, handler, parser_of
+from canroll.cli.commands import COMMANDS, grouped, parser_of
 from canroll.errors import EXTRAS, CanrollError, MissingExtraError, UnknownNameError, reason
 from canroll.runs import mdf
 
@@ -29,9 +29,9 @@ def help_text() -> str:
     """Return what ``canroll --help`` prints."""
     width = max(len(name) for name in COMMANDS)
     lines: list[str] = []
-    for task, names in TASKS.items():
+    for task, names in grouped().items():
         lines += ["", f"{task}:"]
-        lines += [f"  {name:<{width}}  {COMMANDS[name].help}" for name in names]
+        lines += [f"  {name:<{width}}  {COMMANDS.description(name)[:-1]}" for name in names]
     return "\n".join(
         [
             "usage: canroll COMMAND [OPTIONS]",
@@ -69,7 +69,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     name = arguments[0]
     if name.startswith("-"):
         raise UsageError(f"unknown option '{name}' (see 'canroll --help')")
-    if name not in COMMANDS:
+    if name not in list(COMMANDS):  # nor a reference to code, which a registry takes
         raise UnknownNameError("command", name, COMMANDS)
     parser = parser_of(name)
     words = arguments[1:]
@@ -101,7 +101,7 @@ def dispatch(arguments: Sequence[str]) -> int:
     # here and not in parse, which reads the command lines in files too
     TRUST.set("--trust" in arguments)
     namespace = parse(arguments)
-    code: int = resolve_name(handler(arguments[0]))(namespace)
+    code: int = resolve_name(namespace.parser.handler)(namespace)
     sys.stdout.flush()
     return code
 

@@ -45,10 +45,12 @@ class Parser(argparse.ArgumentParser):
     Options have one spelling, as command lines are read and written again. ``--help`` leaves out
     the rare ones, and after a command's action the options of other actions, and the epilog if that
     is about one of these, ``epilog_of``. ``asked``: options, by destination, that make the command
-    do more, which it does where the command line asks for it.
+    do more, which it does where the command line asks for it. ``handler``: "module:function" that
+    is called with what is parsed.
     """
 
-    def __init__(self, **options: Any) -> None:  # noqa: ANN401
+    def __init__(self, handler: str = "", **options: Any) -> None:  # noqa: ANN401
+        self.handler = handler
         self.relations: dict[str, Relations] = {}
         self.asked: tuple[str, ...] = ()
         self.epilog_of = ""

@@ -37,7 +37,7 @@ ON_A_BUS, TRACE, DRIVE = "bus", "trace", "drive"
 
 
 def hil(parser: Parser) -> None:
-    """Options of ``canroll hil``."""
+    """Run ECU and plant as two processes in real time."""
     parser.description = (
         "Drive a manoeuvre in real time, with ECU and vehicle as separate programs."
     )
@@ -84,7 +84,7 @@ def hil(parser: Parser) -> None:
 
 
 def ecu(parser: Parser) -> None:
-    """Options of ``canroll ecu``."""
+    """The ECU alone, on any python-can interface."""
     parser.description = "Run the roll controller in real time against a vehicle on a CAN bus."
     add_bus_arguments(parser)
     add_choices(parser, OF_AN_ECU)
@@ -143,7 +143,7 @@ def ecu(parser: Parser) -> None:
 
 
 def plant(parser: Parser) -> None:
-    """Options of ``canroll plant``."""
+    """The vehicle alone, on any python-can interface."""
     parser.description = "Simulate the vehicle in real time for an ECU on a CAN bus."
     add_scenario(parser)
     add_bus_arguments(parser)
@@ -186,7 +186,7 @@ def plant(parser: Parser) -> None:
 
 
 def watch(parser: Parser) -> None:
-    """Options of ``canroll watch``."""
+    """Watch the roll controller from the bus."""
     parser.description = "Show mode, roll, moments, trigger rate, bus load and fault codes."
     add_bus_arguments(parser)
     parser.add_argument("--duration", type=float, metavar="S", help="default: until Ctrl-C")

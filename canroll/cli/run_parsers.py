@@ -31,7 +31,7 @@ WITHOUT_EFFECT = ("vehicle", "plant", "speed_kmh", "options", "faults", "fault_f
 
 
 def run(parser: Parser) -> None:
-    """Options of ``canroll run``."""
+    """Run a manoeuvre in virtual time, with and without control."""
     parser.description = "Drive a manoeuvre in virtual time, without and with control, and report."
     add_scenario(parser)
     add_choices(parser, CHOICES)
@@ -47,7 +47,7 @@ def run(parser: Parser) -> None:
 
 
 def compare(parser: Parser) -> None:
-    """Options of ``canroll compare``."""
+    """Compare several runs or laws on one page."""
     parser.description = (
         "Drive the same manoeuvre with several controllers and compare them; saved runs are read "
         "from their folders. Options apply to the new runs."
@@ -71,7 +71,8 @@ def compare(parser: Parser) -> None:
 
 
 def sweep(parser: Parser) -> None:
-    """Options of ``canroll sweep``."""
+    """Run over a range of speeds or over several laws."""
+    parser.handler = "canroll.cli.compare:sweep"
     parser.description = (
         "Drive a manoeuvre at several speeds with one or several laws, calibrations or settings."
     )
@@ -96,7 +97,8 @@ def sweep(parser: Parser) -> None:
 
 
 def report(parser: Parser) -> None:
-    """Options of ``canroll report``."""
+    """Evaluate a saved run again and write its page."""
+    parser.handler = "canroll.cli.run:report"
     parser.description = (
         "Read a run from the folder written by 'canroll run' or 'canroll hil', evaluate it again "
         "and write its page. Several runs on one page: 'canroll compare FOLDER FOLDER'."
@@ -113,7 +115,8 @@ def report(parser: Parser) -> None:
 
 
 def limit(parser: Parser) -> None:
-    """Options of ``canroll limit``."""
+    """Highest speed at which a manoeuvre passes."""
+    parser.handler = "canroll.cli.vehicle_tests:limit"
     parser.description = (
         "Bisect the entry speed for the highest at which the manoeuvre's criteria are met, without "
         "and with control: no two wheels of a side two inches off the road, no cone hit, the yaw "
@@ -139,7 +142,8 @@ def _add_control(parser: Parser) -> None:
 
 
 def understeer(parser: Parser) -> None:
-    """Options of ``canroll understeer``."""
+    """Understeer and roll gradient on a circle (ISO 4138)."""
+    parser.handler = "canroll.cli.vehicle_tests:understeer"
     parser.description = (
         "Drive a circle at increasing speed; steering, roll and sideslip of each steady turn, and "
         "the gradients of their linear part. With --law or --calibration without and with control."
@@ -155,7 +159,7 @@ AXES = ("iso", "sae", "adapted-sae")
 
 
 def vehicle(parser: Parser) -> None:
-    """Options of ``canroll vehicle``."""
+    """A vehicle file from mass and size; a vehicle beside its class; a tyre file from a table."""
     from vehicles.sizing.classes import CLASSES, RATIOS  # noqa: PLC0415 - numpy
 
     parser.formatter_class = RawDescriptionHelpFormatter
@@ -239,7 +243,7 @@ def vehicle(parser: Parser) -> None:
 
 
 def fit(parser: Parser) -> None:
-    """Options of ``canroll fit``."""
+    """A vehicle's numbers from a measured drive."""
     parser.description = (
         "Fit the numbers of a vehicle to a measured drive: the 14-DOF car is steered as measured, "
         "and its numbers are changed until it moves as measured. Says how sure each is, and what "
@@ -316,7 +320,7 @@ def _add_measured(parser: Parser, verb: str) -> None:
 
 
 def validate(parser: Parser) -> None:
-    """Options of ``canroll validate``."""
+    """A verdict on a vehicle by measured drives."""
     parser.description = (
         "Judge a vehicle by measured drives: the 14-DOF car is steered as measured, and every "
         "signal is rated (ISO/TS 18571). Of a steady circle, a step steer, a sine sweep and a sine "
@@ -381,7 +385,8 @@ def validate(parser: Parser) -> None:
 
 
 def response(parser: Parser) -> None:
-    """Options of ``canroll response``."""
+    """Yaw and roll frequency response to steering (ISO 7401)."""
+    parser.handler = "canroll.cli.vehicle_tests:response"
     parser.description = (
         "Steer in sines of rising frequency; yaw rate, lateral acceleration and roll angle per "
         "steering-wheel angle. With --law or --calibration without and with control. With "

@@ -27,7 +27,7 @@ RARE_EVENTS = tuple(name for name in EVENT_NAMES if name not in ("fails", "limit
 
 
 def campaign(parser: Parser) -> None:
-    """Options of ``canroll campaign``."""
+    """Monte Carlo over parameters, noise, delays and faults."""
     parser.description = (
         "Drive a manoeuvre with one calibration on many draws of vehicle, noise, bus and fault: "
         "those of a campaign file, or of the options. The controller is designed for the first "
@@ -104,7 +104,7 @@ def shard(text: str) -> tuple[int, int]:
 
 
 def faults(parser: Parser) -> None:
-    """Options of ``canroll faults``."""
+    """Drive and judge a catalogue of faults."""
     parser.description = (
         "Drive a manoeuvre with each fault of a catalogue, single and double, and judge what was "
         "detected, when, and with what harm. Exit code 1 if anything harmful goes undetected."
@@ -120,7 +120,8 @@ def faults(parser: Parser) -> None:
 
 
 def severe(parser: Parser) -> None:
-    """Options of ``canroll severe``."""
+    """Severe manoeuvres over a population of vehicles."""
+    parser.handler = "canroll.cli.vehicle_tests:severe"
     parser.description = (
         "Drive lane changes, fishhook, J-turn, sine with dwell and one-sided bumps with a "
         "population of vehicles: without control, with the best passive bar, with the plain "
@@ -137,7 +138,7 @@ def severe(parser: Parser) -> None:
 
 
 def reproduce(parser: Parser) -> None:
-    """Options of ``canroll reproduce``."""
+    """Recompute the tables of the four papers."""
     parser.description = (
         "Recompute every table of the papers with the complete tool chain and compare."
     )
@@ -152,7 +153,8 @@ def reproduce(parser: Parser) -> None:
 
 
 def attacks(parser: Parser) -> None:
-    """Options of ``canroll attacks``."""
+    """Attackers on the bus, without authentication and with it."""
+    parser.handler = "canroll.cli.faults:attacks"
     parser.description = (
         "Drive a manoeuvre with an attacker on the bus: spoofed, replayed, damaged and foreign "
         "frames, floods, and resets of nodes; on 500k and on secured_fd, or on --bus. "

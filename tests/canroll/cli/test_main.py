@@ -9,7 +9,7 @@ from pkgutil import resolve_name
 import pytest
 
 from canroll.cli import main as cli
-from canroll.cli.commands import COMMANDS, handler
+from canroll.cli.commands import COMMANDS
 from canroll.errors import VerdictError
 from canroll.runs import virtual_time
 
@@ -22,7 +22,7 @@ def command(monkeypatch):
         def options(parser):
             parser.add_argument("--count", type=int)
 
-        monkeypatch.setattr("canroll.cli.run_parsers.run", options)
+        monkeypatch.setitem(COMMANDS, "run", options)
         monkeypatch.setattr(cli, "resolve_name", lambda name: run)
 
     return register
@@ -30,8 +30,9 @@ def command(monkeypatch):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_has_options_and_a_handler(name):
-    assert cli.parser_of(name).prog == f"canroll {name}"
-    assert callable(resolve_name(handler(name)))
+    parser = cli.parser_of(name)
+    assert parser.prog == f"canroll {name}"
+    assert callable(resolve_name(parser.handler))
 
 
 def test_help_names_every_command(capsys):
