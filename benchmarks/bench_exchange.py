@@ -20,11 +20,11 @@ import fmpy
 import numpy as np
 
 import vehicles
-from canroll.cli import export_fmu
 from canroll.cli.main import parse
 from canroll.cli.timing import recorded
+from canroll.extensions.exchange.cli import export_fmu
+from canroll.extensions.exchange.fmu import archive
 from canroll.runs.experiment import build_world, plan
-from codegen.fmu import archive
 from codegen.run import cortex, ecu_traffic, native
 from codegen.run.bus_firmware import built_in
 from codegen.run.memory_image import dtype, image

@@ -17,24 +17,23 @@ The public interface in one place; heavy modules are imported on first use:
 Each result has a verdict or figures as its ``repr``, and a ``table`` (:class:`Table`).
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
+from canroll.registry import Registry
 
 if TYPE_CHECKING:
     from canroll.campaigns.study import campaign
     from canroll.cases.execution import Execution
-    from canroll.exchange.stepping import drive
     from canroll.handling.vehicle_tests import limit, response, understeer
     from canroll.network.responses import bus
     from canroll.report.picture import plot
     from canroll.runs.experiment import run
     from canroll.runs.result import Result
+    from canroll.stepping import drive
     from canroll.studies.comparison import compare, sweep
     from canroll.studies.severe import study as severe
     from canroll.table import Table
-    from canroll.validation.measured_drives import fit, validate
     from gain_gen.calibration.calibration_file import load as load_calibration
     from gain_gen.design import design
     from gain_gen.margin_report import margin_report as margins
@@ -56,7 +55,6 @@ __all__ = [
     "compare",
     "design",
     "drive",
-    "fit",
     "limit",
     "load_calibration",
     "load_vehicle",
@@ -67,44 +65,44 @@ __all__ = [
     "severe",
     "sweep",
     "understeer",
-    "validate",
 ]
 
-_HOMES = {
-    "Delay": ("gain_gen.models.task", "Delay"),
-    "Design": ("gain_gen.models.task", "Design"),
-    "Execution": ("canroll.cases.execution", "Execution"),
-    "Result": ("canroll.runs.result", "Result"),
-    "Table": ("canroll.table", "Table"),
-    "Task": ("gain_gen.models.task", "Task"),
-    "bus": ("canroll.network.responses", "bus"),
-    "campaign": ("canroll.campaigns.study", "campaign"),
-    "compare": ("canroll.studies.comparison", "compare"),
-    "design": ("gain_gen.design", "design"),
-    "drive": ("canroll.exchange.stepping", "drive"),
-    "fit": ("canroll.validation.measured_drives", "fit"),
-    "limit": ("canroll.handling.vehicle_tests", "limit"),
-    "load_calibration": ("gain_gen.calibration.calibration_file", "load"),
-    "load_vehicle": ("vehicles", "load"),
-    "margins": ("gain_gen.margin_report", "margin_report"),
-    "plot": ("canroll.report.picture", "plot"),
-    "response": ("canroll.handling.vehicle_tests", "response"),
-    "run": ("canroll.runs.experiment", "run"),
-    "severe": ("canroll.studies.severe", "study"),
-    "sweep": ("canroll.studies.comparison", "sweep"),
-    "understeer": ("canroll.handling.vehicle_tests", "understeer"),
-    "validate": ("canroll.validation.measured_drives", "validate"),
-}
+_NAMES: "Registry[Any]" = Registry(
+    "name",
+    "canroll.names",
+    {
+        "Delay": "gain_gen.models.task:Delay",
+        "Design": "gain_gen.models.task:Design",
+        "Execution": "canroll.cases.execution:Execution",
+        "Result": "canroll.runs.result:Result",
+        "Table": "canroll.table:Table",
+        "Task": "gain_gen.models.task:Task",
+        "bus": "canroll.network.responses:bus",
+        "campaign": "canroll.campaigns.study:campaign",
+        "compare": "canroll.studies.comparison:compare",
+        "design": "gain_gen.design:design",
+        "drive": "canroll.stepping:drive",
+        "limit": "canroll.handling.vehicle_tests:limit",
+        "load_calibration": "gain_gen.calibration.calibration_file:load",
+        "load_vehicle": "vehicles:load",
+        "margins": "gain_gen.margin_report:margin_report",
+        "plot": "canroll.report.picture:plot",
+        "response": "canroll.handling.vehicle_tests:response",
+        "run": "canroll.runs.experiment:run",
+        "severe": "canroll.studies.severe:study",
+        "sweep": "canroll.studies.comparison:sweep",
+        "understeer": "canroll.handling.vehicle_tests:understeer",
+    },
+)
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401
-    """Import a name of the public interface on first use."""
-    if name not in _HOMES:
+    """Import a name of the public interface on first use; extensions add to them."""
+    if name not in list(_NAMES):
         raise AttributeError(f"module 'canroll' has no attribute '{name}'")
-    module, attribute = _HOMES[name]
-    return getattr(import_module(module), attribute)
+    return _NAMES[name]
 
 
 def __dir__() -> list[str]:
     """Show the public names alone, also those that are not imported yet."""
-    return sorted(__all__)
+    return sorted({*__all__, *_NAMES})

@@ -192,6 +192,11 @@ def _targets(node: ast.Assign | ast.AnnAssign) -> list[str]:
     return [target.id for target in targets if isinstance(target, ast.Name)]
 
 
+def is_installed(module: str) -> bool:
+    """Whether a module can be found; none of its parent packages is imported."""
+    return module.partition(".")[0] in sys.builtin_module_names or _source_of(module) is not None
+
+
 def _source_of(module: str) -> Path | None:
     """Return the source file of a module without importing it or its parent packages."""
     within: Sequence[str] | None = None

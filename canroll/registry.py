@@ -44,7 +44,8 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
         accept: "module:function" that checks an object that is not built in: called with its
             description, for errors, and the object; returns the object to use.
         files: "module:function" by file suffix, called with the name as given, which may carry
-            a fragment after "#", and bit rates after "@".
+            a fragment after "#", and bit rates after "@"; packages add to them under
+            ``group`` and ".files".
     """
 
     def __init__(
@@ -58,14 +59,20 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
         self.what, self.group = what, group
         self._built_in = dict(built_in)
         self._accept = accept
-        self._files = dict(files or {})
+        self._own_files = dict(files or {})
         self._loaded: dict[str, Thing] = {}
         self._registered: set[str] = set()
 
     @cached_property
     def _offered(self) -> Mapping[str, EntryPoint]:
-        offered = {point.name: point for point in entry_points(group=self.group)}
-        return {name: point for name, point in offered.items() if name not in self._built_in}
+        points = _installed(self.group)
+        return {name: point for name, point in points.items() if name not in self._built_in}
+
+    @cached_property
+    def _files(self) -> Mapping[str, str]:
+        """Readers of data files: "module:function" by suffix."""
+        added = _installed(f"{self.group}.files")
+        return {**{suffix: point.value for suffix, point in added.items()}, **self._own_files}
 
     def __getitem__(self, name: str) -> Thing:
         """Return the object of that name.
@@ -178,3 +185,9 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
 
     def __len__(self) -> int:
         return len(list(iter(self)))
+
+
+def _installed(group: str) -> Mapping[str, EntryPoint]:
+    """Return the entry points of a group by name, without those of a package that was deleted."""
+    points = entry_points(group=group)
+    return {each.name: each for each in points if extension.is_installed(each.module)}

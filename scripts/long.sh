@@ -70,7 +70,7 @@ for name in "${@:-tests differential mutation worst_case benchmarks contract lim
             splitting) keep splitting scripts/splitting-coverage ;;
             exchange)
                 keep exchange scripts/exchange-evidence
-                keep exchange_equality pytest -n 0 -v -m slow tests/codegen/fmu tests/canroll/exchange ;;
+                keep exchange_equality pytest -n 0 -v -m slow tests/canroll/extensions/exchange ;;
             *) echo "long: unknown part '$part'" >&2; exit 2 ;;
         esac
     done

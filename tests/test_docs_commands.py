@@ -92,7 +92,7 @@ def test_keys_of_a_design_and_of_its_margins(tmp_path, capsys):
 def test_keys_of_a_certificate(tmp_path, capsys, monkeypatch):
     """They are those of two cars of the family as of all."""
     pytest.importorskip("flint")
-    from gain_gen.certificate import subject
+    from canroll.extensions.certify import subject
 
     family_of = subject.family_of
 
@@ -122,7 +122,7 @@ def test_keys_of_a_linearisation(capsys):
 
 
 def test_keys_of_the_reproduction():
-    from canroll.papers.reproduce import to_json
+    from canroll.extensions.papers.reproduce import to_json
 
     assert keys("reproduce") == {*to_json([]), "files"}
 

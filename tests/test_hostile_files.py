@@ -18,6 +18,7 @@ import vehicles
 from canroll import documents
 from canroll.campaigns import campaign_file
 from canroll.errors import CanrollError
+from canroll.extensions.exchange.fmi import map_file
 from canroll.runs import saved_run
 from codegen.generated import bus_map
 from gain_gen.calibration import calibration_file
@@ -26,7 +27,6 @@ from plant_sim.can_bus import load_profile
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.traffic.log_playback import load_recording
 from plant_sim.faults.language import read_file as read_faults
-from plant_sim.fmi import map_file
 from tools.hostile import files as loop
 from tools.hostile import formats
 

@@ -16,6 +16,7 @@ MAY_IMPORT = {
     "plant_sim": {"codegen.frame", "codegen.generated", "dbc", "vehicles"},
 }
 """Packages or rooms beside itself: firmware and plant stay apart; ``GROUND`` is everybody's."""
+EXTENSIONS = "canroll.extensions."
 MOST_FILES = {"firmware": 20, "canroll.cli": 40}
 """Rooms that may hold more files than others, ``__init__.py`` not counted; a command is a file."""
 
@@ -48,12 +49,26 @@ def test_no_circles_of_files_or_rooms(graph):
     assert circles(rooms(graph)) == []
 
 
+def test_the_core_imports_no_extension_and_no_extension_another(graph):
+    def extension(module):
+        return module.removeprefix(EXTENSIONS).partition(".")[0] if EXTENSIONS in module else ""
+
+    wrong = [
+        f"{name}: {target}"
+        for name, targets in graph.items()
+        for target in targets
+        if extension(target) not in ("", extension(name)) and not name.startswith("tools")
+    ]
+    assert not wrong
+
+
 def test_every_room_stands_on_one_floor():
     known = modules()
     standing = {room_of(name, known) for name in known if known[name].read_text().strip()}
     listed = [room for level in FLOORS for room in level]
     assert len(listed) == len(set(listed))
-    empty = {"codegen", "plant_sim", "hil"}  # nothing but rooms
+    # nothing but rooms
+    empty = {"codegen", "plant_sim", "hil", EXTENSIONS[:-1], f"{EXTENSIONS}car"}
     assert standing == {*listed} | empty
 
 

@@ -17,7 +17,6 @@ from canroll.cli.options import (
     scenario,
 )
 from canroll.cli.parser import Parser, Relations
-from canroll.setup.choices import CHOICES
 from codegen.export.prefix import DEFAULT
 from codegen.run import BACKENDS, SERVICES
 
@@ -30,17 +29,6 @@ OF_A_DESIGN = (
 OF_A_DRIVE = ("plant", "speed_kmh", "options")
 """Choices of the runs in which laws are compared."""
 OF_AN_EXPORT = ("calibration", *OF_A_DESIGN)
-OF_AN_FMU = {
-    "ecu": (*OF_AN_EXPORT, "dbc", "map", "phase_ms", "seed"),
-    "plant": (
-        *(*OF_AN_EXPORT, "dbc", "map", "seed", "plant", "plant_vehicle"),
-        *("speed_kmh", "options", "faults", "conditions"),
-    ),
-    "bus": ("bus", "dbc", "map", "seed", "actuator"),
-    "vehicle": ("vehicle", "plant", "speed_kmh"),
-}
-"""What can be exported as an FMU, and the choices that apply to it."""
-PORTS = ("can", "signals")
 BYTE_ORDERS = ("little", "big")
 PROCESSORS = tuple(name for name in BACKENDS if name.startswith("cortex"))
 
@@ -126,33 +114,6 @@ def margins(parser: Parser) -> None:
         "calibration's, such as mass=0.05, and print the table; may be repeated",
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="write margins.png there")
-
-
-def certify(parser: Parser) -> None:
-    """Prove a calibration stable for every sequence of delays."""
-    parser.description = (
-        "Prove the loop of a calibration's integers stable for every sequence of delays, bound "
-        "what roundings do, and write a certificate that a checker of 420 lines can check alone."
-    )
-    parser.add_argument("calibration", type=path_named, help="calibration.toml of canroll design")
-    add_choices(parser, ("vehicle", "bus", "dbc", "map"))
-    add_json(parser)
-    compared = {"check": "--check writes no certificate"}
-    parser.add_argument(
-        "--check",
-        type=path_named,
-        metavar="FILE",
-        help="check this certificate of the calibration, and compare its data with vehicle and bus",
-    )
-    plain = {"check": "--check prints what the checker prints"}
-    parser.relate(Relations(excludes=plain), "json")
-    parser.add_argument(
-        "--out",
-        excludes=compared,
-        type=path_named,
-        metavar="FILE",
-        help="certificate, or folder for it (default: certificate.json next to the calibration)",
-    )
 
 
 def timing(parser: Parser) -> None:
@@ -300,36 +261,3 @@ def export_c(parser: Parser) -> None:
     compiled_in = Relations(excludes={"specialise": "--specialise has the calibration compiled in"})
     parser.relate(compiled_in, "elf", "address", *SERVICES, "nvm")
     parser.relate(Relations(excludes={"elf": "the image says its own"}), "address", "byte_order")
-
-
-def export_fmu(parser: Parser) -> None:
-    """Export ECU, plant or bus as an FMU (FMI 3.0)."""
-    parser.add_argument("kind", choices=tuple(OF_AN_FMU), help="part of the run")
-    parser.add_argument("out", type=path_named, metavar="OUT.fmu", help="file to write")
-    parser.add_argument(
-        "--ports",
-        only=("ecu", "plant"),
-        choices=PORTS,
-        default=PORTS[0],
-        help="CAN terminals (fmi-ls-bus), or plain signals (default: %(default)s)",
-    )
-    for name in CHOICES:
-        kinds = [kind for kind, names in OF_AN_FMU.items() if name in names]
-        if kinds:
-            add_choices(parser, (name,))
-            parser.relate(Relations(only=tuple(kinds)), name)
-    parser.add_argument(
-        "--scenario",
-        only=("plant", "vehicle"),
-        type=scenario,
-        default=DEFAULT_SCENARIO,
-        help="plant and vehicle: the manoeuvre (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--nodes",
-        only=("bus",),
-        type=int,
-        default=0,
-        metavar="N",
-        help="bus: further nodes, on the first segment (default: %(default)s)",
-    )

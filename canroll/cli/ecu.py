@@ -20,7 +20,6 @@ from canroll.cli.realtime_parsers import (
     TRACE,
 )
 from canroll.errors import CanrollError, VerdictError
-from canroll.identification.recursive_estimate import estimate_table, estimates
 from canroll.report.run_folder import write_page
 from canroll.report.staging import page_folder
 from canroll.runs import phase
@@ -30,6 +29,7 @@ from canroll.setup.keys import refuse_useless_key, secret_of
 from canroll.setup.own_stages import stage_of
 from canroll.studies import recorded_drive
 from canroll.studies.recorded_drive_page import drive_page, reception_table
+from canroll.studies.recursive_estimate import estimate_table, estimates
 from codegen.generated.mailbox_frame import with_signals
 from codegen.run.backends import Backend, default_backend, open_backend
 from codegen.run.bus_firmware import BusFirmware, with_services

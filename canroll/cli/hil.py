@@ -14,7 +14,7 @@ from rich.table import Table
 from canroll.cli import run_view, terminal
 from canroll.cli.options import OF_A_RUN, choices_of, folder_of
 from canroll.errors import CanrollError
-from canroll.exchange import signal_files
+from canroll.report import signal_files
 from canroll.report.console import Console
 from canroll.report.run_folder import write_files, write_text
 from canroll.report.staging import check_parent, usable_folder

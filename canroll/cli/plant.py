@@ -7,7 +7,7 @@ from canroll.cli.ecu import check_memory, nanoseconds, peer_timeout
 from canroll.cli.options import choices_of
 from canroll.cli.parser import refuse
 from canroll.errors import CanrollError, VerdictError
-from canroll.exchange import signal_files
+from canroll.report import signal_files
 from canroll.report.staging import check_parent
 from canroll.runs import conditions, logs, phase
 from canroll.setup.bus_frames import firmware_of, profile_of

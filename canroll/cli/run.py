@@ -22,7 +22,7 @@ from canroll.runs.virtual_time import Interrupted
 from dbc.reader import each
 
 if TYPE_CHECKING:
-    from canroll.exchange.signal_files import About
+    from canroll.report.signal_files import About
 
 
 def run(args: argparse.Namespace) -> int:
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _signal_files() -> ModuleType:
     # formats of other tools, where one is asked for
-    from canroll.exchange import signal_files  # noqa: PLC0415
+    from canroll.report import signal_files  # noqa: PLC0415
 
     return signal_files
 

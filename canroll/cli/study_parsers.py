@@ -137,21 +137,6 @@ def severe(parser: Parser) -> None:
     add_numbers(parser)
 
 
-def reproduce(parser: Parser) -> None:
-    """Recompute the tables of the four papers."""
-    parser.description = (
-        "Recompute every table of the papers with the complete tool chain and compare."
-    )
-    parser.add_argument(
-        "papers",
-        nargs="*",
-        metavar="PAPER",
-        help="redondo2021, viadero2022, vu2020, yim2020 (default: all)",
-    )
-    add_execution(parser, "", "only", "resume", "scheduler")
-    add_answer(parser, "the page")
-
-
 def attacks(parser: Parser) -> None:
     """Attackers on the bus, without authentication and with it."""
     parser.handler = "canroll.cli.faults:attacks"

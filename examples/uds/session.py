@@ -12,7 +12,7 @@ from udsoncan.client import Client
 from udsoncan.connections import PythonIsoTpConnection
 from udsoncan.exceptions import NegativeResponseException
 
-from canroll.exchange.ecu_on_bus import ecu_on_bus
+from canroll.extensions.exchange.ecu_on_bus import ecu_on_bus
 from codegen.run import ecu_traffic
 from codegen.run.bus_firmware import built_in
 from codegen.run.services import uds_frames

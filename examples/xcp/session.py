@@ -26,7 +26,7 @@ from pyxcp.daq_stim import DaqList, DaqOnlinePolicy
 from pyxcp.master import Master
 from pyxcp.types import XcpResponseError
 
-from canroll.exchange.ecu_on_bus import ecu_on_bus
+from canroll.extensions.exchange.ecu_on_bus import ecu_on_bus
 from codegen.export import a2l
 from codegen.run import ecu_traffic
 from codegen.run.bus_firmware import built_in

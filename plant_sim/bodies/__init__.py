@@ -18,7 +18,6 @@ BODIES: "Registry[Body]" = Registry(
         "nonlinear": "plant_sim.bodies.nonlinear_car:BODY",
     },
     accept="plant_sim.bodies.ports:accept",
-    files={".fmu": "plant_sim.fmi.plant:read"},
 )
 
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from canroll.identification import replay
-from canroll.identification.drive_log import QUANTITIES, Channel, Log, SignalChoice
-from canroll.identification.pieces import SAMPLE, Piece
+from canroll.extensions.car.identification import replay
+from canroll.extensions.car.identification.drive_log import QUANTITIES, Channel, Log, SignalChoice
+from canroll.extensions.car.identification.pieces import SAMPLE, Piece
 from canroll.typing import Vector
 from vehicles import Vehicle
 

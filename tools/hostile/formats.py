@@ -24,6 +24,7 @@ from scipy.io import savemat
 import vehicles
 from canroll.campaigns import campaign_file, store
 from canroll.errors import CanrollError
+from canroll.extensions.exchange.fmi import plant as fmu
 from canroll.runs import saved_run
 from canroll.runs.experiment import plan
 from canroll.runs.result import Settings
@@ -41,7 +42,6 @@ from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.traffic.log_playback import load_recording
 from plant_sim.driving import signal_file
 from plant_sim.faults.language import read_file as read_faults
-from plant_sim.fmi import plant as fmu
 from tools.hostile import samples
 
 ROOT = Path(__file__).parents[2]

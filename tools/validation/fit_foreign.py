@@ -18,15 +18,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.identification import replay, unknowns
-from canroll.identification.fit import FitSettings
-from canroll.identification.pieces import SAMPLE, Piece
+from canroll.extensions.car.identification import replay, unknowns
+from canroll.extensions.car.identification.fit import FitSettings
+from canroll.extensions.car.identification.pieces import SAMPLE, Piece
+from canroll.extensions.car.sizing.estimate import estimated
 from tools.validation import fit_truth, multi_body
 from tools.validation.comparison_cases import RELAXATION, SUBSTEPS, in_common
 from tools.validation.fit_truth import COVERED, DURATION, NAMES, VAN, Outcome, Truth
 from vehicles import Vehicle
 from vehicles.fit_spread import value_of
-from vehicles.sizing.estimate import estimated
 
 CARS = ("completed", "published", "plant")
 HELD = ("tyre.relaxation_length", "tyre.cornering_load_slope")

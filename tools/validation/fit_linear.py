@@ -11,10 +11,15 @@ import sys
 
 import numpy as np
 
-from canroll.identification import unknowns
-from canroll.identification.information import IDENTIFIED, felt, fisher_at, information
-from canroll.identification.output_error import Model, Point, Simulator, weights
-from canroll.identification.pieces import EVERYTHING, pieces
+from canroll.extensions.car.identification import unknowns
+from canroll.extensions.car.identification.information import (
+    IDENTIFIED,
+    felt,
+    fisher_at,
+    information,
+)
+from canroll.extensions.car.identification.output_error import Model, Point, Simulator, weights
+from canroll.extensions.car.identification.pieces import EVERYTHING, pieces
 from tools.validation.fit_truth import NAMES, NOISE, Outcome, log_of, outcome_of, table, truth
 
 

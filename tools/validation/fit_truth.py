@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from canroll.cases.engine import LOCAL, engine, results
 from canroll.cases.store import JsonRows, Store
 from canroll.errors import CanrollError
-from canroll.identification import drive_log, replay, unknowns
-from canroll.identification.fit import Fit, FitSettings, fit
-from canroll.identification.pieces import SAMPLE, Piece
-from canroll.identification.unknowns import STEERING_OFFSET, delay_key, offset_key
+from canroll.extensions.car.identification import drive_log, replay, unknowns
+from canroll.extensions.car.identification.fit import Fit, FitSettings, fit
+from canroll.extensions.car.identification.pieces import SAMPLE, Piece
+from canroll.extensions.car.identification.unknowns import STEERING_OFFSET, delay_key, offset_key
+from canroll.extensions.car.sizing.estimate import estimated
 from canroll.typing import Vector
 from vehicles import Vehicle
 from vehicles.check import problems
-from vehicles.sizing.estimate import estimated
 
 NAMES = ("yaw_rate", "lateral_acceleration", "roll_rate", "roll")
 NOISE = {"yaw_rate": 0.003, "lateral_acceleration": 0.06, "roll_rate": 0.004, "roll": 0.001}
@@ -131,7 +131,7 @@ def sensed(
     Args:
         generator: of the noise.
         piece: what was steered, and how fast.
-        record: of the drive, as of :func:`canroll.identification.replay.motion`.
+        record: of the drive, as of :func:`canroll.extensions.car.identification.replay.motion`.
         numbers: offsets and delays by the keys of their unknowns.
         frame: axes of the inertial unit.
         noise: standard deviation of the sensors' noise.

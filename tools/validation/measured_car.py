@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 import vehicles
 from canroll.documents import toml
 from canroll.errors import CanrollError, reason
-from canroll.identification import agreement as of_signals
-from canroll.identification import drive_log
-from canroll.identification.drive_log import QUANTITIES
-from canroll.identification.pieces import SAMPLE, Piece, Window, pieces
-from canroll.identification.unknowns import LOG
+from canroll.extensions.car.identification import agreement as of_signals
+from canroll.extensions.car.identification import drive_log
+from canroll.extensions.car.identification.drive_log import QUANTITIES
+from canroll.extensions.car.identification.pieces import SAMPLE, Piece, Window, pieces
+from canroll.extensions.car.identification.unknowns import LOG
+from canroll.extensions.car.validation.rating import rate
 from canroll.typing import Vector
-from canroll.validation.rating import rate
 from tools.validation import measured_fit
 from tools.validation.measured_fit import Fit, Unknown, steered
 from vehicles import Vehicle

@@ -1,6 +1,6 @@
 """Fit of the 14-DOF car to the measured drive of the example, with priors and unknowns of its own.
 
-The search is that of ``canroll fit`` (:mod:`canroll.identification.output_error`); what differs is
+The search is that of ``canroll fit``; what differs is
 what is unknown: one delay of the steering instead of one of each signal, and for checks the share
 of gravity in the lateral acceleration and a crossfall of the road.
 """
@@ -12,11 +12,17 @@ from math import floor, inf, log10
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.identification import replay, unknowns
-from canroll.identification.information import Information
-from canroll.identification.output_error import Model, Point, Simulator, search, weights
-from canroll.identification.pieces import SAMPLE, Piece, Window
-from canroll.identification.unknowns import STEERING_OFFSET, Unknown, offset_key
+from canroll.extensions.car.identification import replay, unknowns
+from canroll.extensions.car.identification.information import Information
+from canroll.extensions.car.identification.output_error import (
+    Model,
+    Point,
+    Simulator,
+    search,
+    weights,
+)
+from canroll.extensions.car.identification.pieces import SAMPLE, Piece, Window
+from canroll.extensions.car.identification.unknowns import STEERING_OFFSET, Unknown, offset_key
 from canroll.typing import Vector
 from vehicles import Vehicle
 from vehicles.model import GRAVITY
@@ -78,7 +84,7 @@ def observed(
     """Return what the unit shows of a drive: yaw rate, lateral acceleration, roll rate and roll.
 
     Args:
-        record: of the drive, as of :func:`canroll.identification.replay.motion`.
+        record: of the drive, as of :func:`canroll.extensions.car.identification.replay.motion`.
         piece: what was steered, and how fast.
         mounting: how it was measured, by the keys of this module; 0 without.
 

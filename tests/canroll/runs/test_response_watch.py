@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
+from canroll.extensions.car.sizing.estimate import estimated
 from canroll.runs import experiment
 from canroll.studies.variation import DEFAULT_SPREAD, draw, varied
 from firmware.plausibility import FAULT_ACTUATOR_CONTRADICTED
@@ -16,7 +17,6 @@ from gain_gen.design import design
 from gain_gen.models.task import Delay, Task
 from vehicles import load
 from vehicles.roll_stiffness import springs_within
-from vehicles.sizing.estimate import estimated
 
 pytestmark = pytest.mark.slow
 

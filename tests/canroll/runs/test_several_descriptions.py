@@ -11,8 +11,8 @@ from canroll.campaigns import campaign_file
 from canroll.cli.main import main
 from canroll.cli.run import about
 from canroll.errors import CanrollError
-from canroll.exchange.signal_files import write_signals
 from canroll.report.run_folder import write_files
+from canroll.report.signal_files import write_signals
 from canroll.runs import experiment, saved_run
 from canroll.runs.result import Settings
 from canroll.setup.bus_frames import check_frames

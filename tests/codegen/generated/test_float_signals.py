@@ -16,9 +16,9 @@ from support import compiled_states, float_bus
 from support.bundles import make
 
 from canroll.errors import CanrollError
+from canroll.extensions.exchange.fmu import ecu_signals
 from codegen.export import bundle
 from codegen.export.header import gains_header
-from codegen.fmu import ecu_signals
 from codegen.generated import bus_map
 from codegen.proof.prove import prove
 from codegen.run import ecu_traffic, memory_image, native

@@ -43,7 +43,7 @@ def test_the_contract_and_a_bus_of_ones_own():
 def test_a_certificate_has_the_steps_of_the_bus_designed_for(tmp_path, capsys):
     """A roll rate of a hundred times the step, and an acceleration too."""
     pytest.importorskip("flint")
-    from gain_gen.certificate.subject import subject
+    from canroll.extensions.certify.subject import subject
 
     text = (OWN / "own.dbc").read_text(encoding="utf-8")
     for old, new in COARSE:
@@ -82,8 +82,8 @@ def test_a_calibration_without_steps_has_none_and_one_with_others_is_refused():
 def test_what_the_loop_requires_must_be_on_the_bus():
     pytest.importorskip("flint")
     import vehicles
+    from canroll.extensions.certify.subject import resolutions
     from firmware.calibration import Calibration
-    from gain_gen.certificate.subject import resolutions
 
     record, van = Calibration(), vehicles.load("van_real")
     record.measurements, record.timeout_ticks, record.actuator = 1, [5] * 5, 1

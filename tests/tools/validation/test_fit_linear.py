@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from canroll.identification import input_noise
+from canroll.extensions.car.identification import input_noise
 from tools.validation import fit_linear
 
 

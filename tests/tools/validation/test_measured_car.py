@@ -6,8 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from canroll.identification.agreement import agreement
-from canroll.identification.pieces import Window
+from canroll.extensions.car.identification.agreement import agreement
+from canroll.extensions.car.identification.pieces import Window
 from tools.validation import measured_car, measured_fit
 from tools.validation.measured_car import FIRST, MANOEUVRE, SECOND
 from tools.validation.measured_fit import UNKNOWNS

@@ -1,0 +1,1 @@
+"""A vehicle from measurements: fitted, validated, sized, and its tyres."""

@@ -1,0 +1,1 @@
+"""The commands ``vehicle``, ``fit`` and ``validate``."""

@@ -1,0 +1,299 @@
+"""The vehicle with driver, actuators and sensors as an FMU: the kernels of the world in C."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from canroll.errors import CanrollError, UnknownNameError
+from canroll.extensions.exchange import plant_kernel
+from canroll.extensions.exchange.fmu import archive
+from canroll.extensions.exchange.fmu.ecu import CAN, PORTS, SIGNALS
+from canroll.extensions.exchange.fmu.variables import (
+    FLOAT64,
+    INPUT,
+    OUTPUT,
+    Interface,
+    Terminal,
+    Variable,
+)
+from canroll.extensions.exchange.kernels import image
+from canroll.extensions.exchange.kernels.kinds import FLOAT, INT, ArrayKind, RecordKind, initialiser
+from canroll.extensions.exchange.kernels.translate import Translator
+from plant_sim import can_bus
+from plant_sim.bodies.ports import Body
+from plant_sim.driving.maneuvers import Maneuver
+from plant_sim.kernels.records import to_record
+from plant_sim.nodes import actuators, e2e, own_sums, sensor_kernel, sensors
+from plant_sim.world import frame_kernel, recording
+from plant_sim.world.world_kernel import PLANT_NS, STEP, Parts
+
+IDENTIFIER = "canroll_plant"
+BUFFER = 8192
+PARTS = (
+    *("clock", "state", "inputs", "parameters", "outputs", "payload", "roles"),
+    *("frames", "sensors", "actuators", "authentication", "tables"),
+)
+"""Parts of the world's memory that the plant has."""
+UNITS = {
+    **dict.fromkeys(("yaw", "roll", "pitch", "steer", "bank"), "rad"),
+    **dict.fromkeys(("yaw_rate", "roll_rate", "pitch_rate"), "rad/s"),
+    **dict.fromkeys(("yaw_acc", "roll_acc", "pitch_acc"), "rad/s2"),
+    **dict.fromkeys(("x", "y", "heave", "path_error"), "m"),
+    **dict.fromkeys(("vx", "vy", "heave_rate"), "m/s"),
+    **dict.fromkeys(("ax", "ay", "heave_acc"), "m/s2"),
+}
+GROUPS = (
+    *(("wheel_load", "N"), ("travel_rate", "m/s"), ("travel", "m"), ("wheel_speed", "rad/s")),
+    *(("wheel_height", "m"), ("lateral_force", "N"), ("corner_force", "N"), ("bar_angle", "rad")),
+    *(("bar_pressure", "Pa"), ("bar_moment", "N.m"), ("moment", "N.m"), ("valve_current", "A")),
+)
+"""Units of signals by the beginning of their names."""
+OF_COMMANDS = {"Force": "N", "Torque": "N.m", "Current": "mA"}
+REPORTED = {
+    "DeliveredMomentFront": ("moment_estimate_front", "N.m"),
+    "DeliveredMomentRear": ("moment_estimate_rear", "N.m"),
+    "StatusFrontLeft": ("status_front_left", ""),
+    "StatusFrontRight": ("status_front_right", ""),
+    "StatusRearLeft": ("status_rear_left", ""),
+    "StatusRearRight": ("status_rear_right", ""),
+}
+"""Signals of ActuatorState among the recorded ones, with their units."""
+MODEL = """\
+/* The state of the plant's FMU. */
+#ifndef MODEL_H
+#define MODEL_H
+
+#include "kernels.h"
+
+#define {token}
+#define FMU_PORTS {ports}
+#define FMU_BUFFER {buffer}
+#define PLANT_NS {plant_ns}
+#define PLANT_ACTUATOR {node}
+#define PLANT_COMMAND {command}
+#define PLANT_CHANNELS {channels}
+
+typedef struct {{
+    plant_state plant;
+    plant_row shown;
+    double demands[4];
+}} model;
+
+extern const double plant_start[{columns}];
+void model_image(void *record);
+
+#endif
+"""
+
+
+def write(
+    path: Path,
+    parts: Parts,
+    body: Body,
+    maneuver: Maneuver,
+    *,
+    actuator: str,
+    command: str,
+    title: str,
+    ports: str = CAN,
+) -> None:
+    """Write the plant to ``path``.
+
+    Args:
+        path: the FMU, replaced if it exists.
+        parts: of a world at time 0; its network is left out.
+        body: the body in it.
+        maneuver: what it drives.
+        actuator: its actuators.
+        command: message whose values are inputs with plain signals.
+        title: description, a line.
+        ports: ``can`` or ``signals``.
+
+    Raises:
+        CanrollError: no compiler, an unwritable file, faults of frames, a checksum by a function,
+            or a body that is not in the kernels' subset.
+    """
+    if ports not in PORTS:
+        raise UnknownNameError("kind of ports", ports, PORTS)
+    frames = parts.memory[0]["frames"]
+    if frames["fault"][0, 0] >= 0 or np.any(frames["clock"][frame_kernel.ATTACKER_AT_ECU :] >= 0):
+        raise CanrollError("faults of frames act on the bus and are not part of the plant: omit it")
+    if np.any(parts.memory[0]["tables"]["protection"][:, e2e.METHOD] == e2e.OWN):
+        raise CanrollError(
+            "the plant's FMU has no checksum by a function of the map: describe it by method and "
+            "over, or leave it out"
+        )
+    start = _start(parts, maneuver)
+    row = np.dtype([("values", "f8", (1, recording.N_COLUMNS))])
+    messages = [name for name, _, _ in actuators.COMMANDS[actuator]]
+    which = messages.index(command)
+    channels = actuators.COMMANDS[actuator][which][2]
+    kernels = _kernels(start.dtype, row, body)
+    shown = np.zeros(1, row)
+    recording.record(
+        shown["values"][0],
+        0,
+        parts.memory[0]["outputs"],
+        parts.memory[0]["inputs"],
+        parts.memory[0]["actuators"],
+    )
+    values = initialiser(shown["values"][0])
+    count = recording.N_COLUMNS
+    sources = {
+        **archive.shell("plant_model.c", *(("ls_bus.h",) if ports == CAN else ())),
+        **kernels,
+        "image.c": image.source("model_image", start.tobytes()),
+        "start.c": '#include <math.h>\n\n#include "model.h"\n\n'
+        f"const double plant_start[{count}] = {values};\n",
+        "model.h": MODEL.format(
+            token=archive.TOKEN,
+            ports=2 if ports == CAN else 0,
+            node=can_bus.ACTUATOR,
+            buffer=BUFFER if ports == CAN else 1,
+            plant_ns=PLANT_NS,
+            command=which,
+            channels=channels,
+            columns=count,
+        ),
+    }
+    variables = [*_signals()]
+    if ports == SIGNALS:
+        variables += [*_demands(command), *_measured()]
+    terminals = (
+        Terminal(name="Sensors", description="frames of the sensors"),
+        Terminal(name="Actuator", description="commands, and the actuators' state"),
+    )
+    interface = Interface(
+        identifier=IDENTIFIER,
+        description=title,
+        variables=variables,
+        terminals=terminals if ports == CAN else (),
+        step=1e-3,
+    )
+    archive.write(path, interface, sources)
+
+
+def _start(parts: Parts, maneuver: Maneuver) -> np.ndarray[Any, np.dtype[np.void]]:
+    """The record of the plant at time 0."""
+    memory, drive = parts.memory, to_record(maneuver.drive)
+    columns = [(name, memory.dtype[name]) for name in PARTS]
+    columns += [("drive", drive.dtype), ("queue", plant_kernel.OUTGOING)]
+    state = np.zeros(1, np.dtype(columns, align=True))
+    for name in PARTS:
+        state[name] = memory[name]
+    # the exported plant calls its body by name: an address of this process changes from run to run
+    state["clock"][0, STEP] = 0
+    state["drive"] = drive
+    return image.copied(state[0], image.aligned(state.dtype))
+
+
+def _kernels(plant: np.dtype[Any], row: np.dtype[Any], body: Body) -> dict[str, str]:
+    """The kernels in C, and their header."""
+    translator = Translator(
+        "plant_",
+        {
+            plant_kernel.body_step: "plant_body",
+            can_bus.submit: plant_kernel.post,
+            own_sums.called: own_sums.none,
+        },
+    )
+    translator.structs.name(plant, "state")
+    translator.structs.name(row, "row")
+    state, queue = RecordKind(plant), RecordKind(plant["queue"])
+    frame = ArrayKind(np.dtype(np.uint8), (64,))
+    four = ArrayKind(np.dtype(np.float64), (4,))
+    vectors = [ArrayKind(plant[name].base, plant[name].shape) for name in _BODY]
+    entries = [
+        translator.entry(body.step, (*vectors, FLOAT), "plant_body"),
+        translator.entry(plant_kernel.take, (queue,), "plant_take"),
+        translator.entry(plant_kernel.receive, (state, INT, INT, INT, frame, INT), "plant_receive"),
+        translator.entry(plant_kernel.command, (state, INT, four, INT, INT), "plant_command"),
+        translator.entry(plant_kernel.advance, (state,), "plant_advance"),
+        translator.entry(plant_kernel.record, (state, RecordKind(row)), "plant_record"),
+    ]
+    return {"kernels.h": translator.header(entries), "kernels.c": translator.text()}
+
+
+_BODY = ("state", "inputs", "parameters", "outputs")
+
+
+def _signals() -> list[Variable]:
+    return [
+        Variable(
+            name=name,
+            type=FLOAT64,
+            causality=OUTPUT,
+            variability="discrete",
+            member=f"shown.values[{column}]",
+            unit=_unit(name),
+        )
+        for name, column in recording.SIGNALS.items()
+    ]
+
+
+def _unit(name: str) -> str:
+    if name in UNITS:
+        return UNITS[name]
+    return next((unit for start, unit in GROUPS if name.startswith(start)), "")
+
+
+def _demands(command: str) -> list[Variable]:
+    return [
+        Variable(
+            name=f"{command}.{name}",
+            type=FLOAT64,
+            causality=INPUT,
+            variability="continuous",
+            member=f"demands[{channel}]",
+            start=(0.0,),
+            unit=next((u for start, u in OF_COMMANDS.items() if name.startswith(start)), ""),
+            description=f"demand of channel {channel}",
+        )
+        for channel, name in enumerate(actuators.command_signals(command))
+    ]
+
+
+def _measured() -> list[Variable]:
+    """What the sensors measured last, in SI units, and what the actuators report."""
+    outputs = [
+        Variable(
+            name=name,
+            type=FLOAT64,
+            causality=OUTPUT,
+            variability="discrete",
+            member=f"plant.sensors.channel[{index * sensor_kernel.N_COLUMNS + sensor_kernel.LAST}]",
+            unit=_measured_unit(name),
+            description="as sampled last",
+        )
+        for index, name in enumerate(sensors.SIGNALS)
+    ]
+    return [
+        *outputs,
+        *(
+            Variable(
+                name=f"ActuatorState.{name}",
+                type=FLOAT64,
+                causality=OUTPUT,
+                variability="discrete",
+                member=f"shown.values[{recording.SIGNALS[signal]}]",
+                unit=unit,
+            )
+            for name, (signal, unit) in REPORTED.items()
+        ),
+    ]
+
+
+def _measured_unit(name: str) -> str:
+    signal = name.partition(".")[2]
+    for word, unit in (
+        ("RollAngle", "rad"),
+        ("SteeringWheelAngle", "rad"),
+        ("Rate", "rad/s"),
+        ("Acceleration", "m/s2"),
+        ("Speed", "m/s"),
+        ("Travel", "m"),
+    ):
+        if word in signal:
+            return "m/s" if name.startswith("SuspensionRate") else unit
+    return ""
