@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command.
 #   scripts/long.sh [NAME ...]     tests differential mutation worst_case benchmarks contract limit_cycles
-#                                  reproduce campaign rollover splitting fuzz_firmware exchange
+#                                  reproduce campaign rollover fuzz_firmware exchange
 #                                  hostile_files guided_files kills endurance
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -24,7 +24,7 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
 }
 
 bound=(canroll timing --bound --ticks 100000)
-for name in "${@:-tests differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting fuzz_firmware exchange hostile_files guided_files kills endurance}"; do
+for name in "${@:-tests differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover fuzz_firmware exchange hostile_files guided_files kills endurance}"; do
     for part in $name; do
         case $part in
             tests)
@@ -53,12 +53,7 @@ for name in "${@:-tests differential mutation worst_case benchmarks contract lim
                 done ;;
             reproduce) keep reproduce canroll reproduce ;;
             campaign) keep campaign scripts/campaign-evidence 10000 ;;
-            rollover)
-                fishhook=examples/campaigns/fishhook.toml
-                keep rollover canroll campaign $fishhook --runs 4096
-                keep rollover_splitting canroll campaign $fishhook --rare rollover
-                keep rollover_passive_splitting canroll campaign $fishhook \
-                    --rare rollover_passive ;;
+            rollover) keep rollover canroll campaign examples/campaigns/fishhook.toml --runs 4096 ;;
             fuzz_firmware)
                 keep fuzz_firmware python -m tools.hostile.firmware --inputs 10000000
                 keep fuzz_firmware_own_bus python -m tools.hostile.firmware --inputs 1000000 \
@@ -67,7 +62,6 @@ for name in "${@:-tests differential mutation worst_case benchmarks contract lim
             guided_files) keep guided_files python -m tools.hostile.guided --inputs 800 ;;
             kills) keep kills python -m tools.hostile.kills ;;
             endurance) keep endurance python -m tools.hostile.long_run ;;
-            splitting) keep splitting scripts/splitting-coverage ;;
             exchange)
                 keep exchange scripts/exchange-evidence
                 keep exchange_equality pytest -n 0 -v -m slow tests/canroll/extensions/exchange ;;

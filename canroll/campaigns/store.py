@@ -1,7 +1,6 @@
 """The chunks of a campaign on disk: Parquet files, each whole or absent, and their table."""
 
 import json
-import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,8 +17,6 @@ if TYPE_CHECKING:
     import pyarrow
 
 PLAN = "plan.json"
-ARGUMENTS = "arguments"
-"""Key of the command line in a plan; it is no part of what must be the same."""
 DIGEST = b"canroll.plan"
 COMPRESSION = "zstd"
 
@@ -86,12 +83,6 @@ class Chunks(Store[Columns]):
         with placed(self.path(name)) as part:
             pa.parquet.write_table(self._marked(table), part, compression=COMPRESSION)
 
-    def take(self, other: "Chunks", name: str) -> None:
-        """Copy a chunk of another store of the same plan, byte for byte."""
-        other.read(name)
-        with placed(self.path(name)) as part:
-            shutil.copyfile(other.path(name), part)
-
     def join(self, names: Iterable[str], path: Path) -> None:
         """Write the chunks ``names`` one after the other as one file, whole or not at all."""
         pa = arrow()
@@ -140,9 +131,7 @@ def opened(folder: Path, digest: str, description: dict[str, Any], *, resume: bo
                 part.write_text(text + "\n", encoding="utf-8")
     if kept is not None and kept.get("digest") != digest:
         other = {"digest": digest, **json.loads(json.dumps(description, default=str))}
-        differs = [
-            key for key in other if key not in ("digest", ARGUMENTS) and kept.get(key) != other[key]
-        ]
+        differs = [key for key in other if key != "digest" and kept.get(key) != other[key]]
         raise CanrollError(
             f"{folder}: --resume continues the same campaign, this one differs in "
             f"{', '.join(differs) or 'its calibration'}: choose another --out"
@@ -160,18 +149,6 @@ def unfinished(folder: Path) -> int | None:
 def table_of(folder: Path) -> Path:
     """Return the path of the whole table of the chunks in a folder."""
     return folder.parent / f"{folder.name}.parquet"
-
-
-def plan_in(folder: Path) -> dict[str, Any]:
-    """Return the plan in a folder of chunks.
-
-    Raises:
-        CanrollError: there is none.
-    """
-    kept = _kept(folder / PLAN)
-    if kept is None:
-        raise CanrollError(f"{folder}: not a campaign (expected {PLAN})")
-    return kept
 
 
 def _kept(plan: Path) -> dict[str, Any] | None:

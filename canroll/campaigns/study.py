@@ -148,15 +148,15 @@ class Means:
     draws: Callable[[Columns], None] | None = None
     worst_by: str = REDUCTION
 
-    def drive(self, plan: CampaignPlan, chunks: Sequence[int]) -> Iterator[Summary]:
-        """Drive chunks that the store does not have; yield the summary after each, in order.
+    def drive(self, plan: CampaignPlan) -> Iterator[Summary]:
+        """Drive the chunks that the store does not have; yield the summary after each, in order.
 
         Raises:
             CanrollError: a draw cannot be driven, or a chunk cannot be kept.
             KeyboardInterrupt: Ctrl-C; the chunks in work are finished and kept.
         """
         tasks: Iterable[Task[Columns]] = (
-            (chunk_name(chunk), drive_chunk, (plan, chunk)) for chunk in chunks
+            (chunk_name(chunk), drive_chunk, (plan, chunk)) for chunk in range(plan.chunks)
         )
         summary, kept_draws = Summary(self.worst_by), 0
         with engine(self.scheduler, self.jobs) as where:
@@ -264,7 +264,7 @@ def run(plan: CampaignPlan, means: Means, *, until: Until | None = None) -> Camp
         )
     nominal = simulate(plan.settings, plan.controller)
     used, summary = 0, Summary(means.worst_by)
-    for used, summary in enumerate(means.drive(plan, range(plan.chunks)), 1):  # noqa: B007
+    for used, summary in enumerate(means.drive(plan), 1):  # noqa: B007
         if until is not None and until.reached(summary):
             break
     table = None
@@ -272,42 +272,3 @@ def run(plan: CampaignPlan, means: Means, *, until: Until | None = None) -> Camp
         table = table_of(means.store.folder)
         means.store.join((chunk_name(chunk) for chunk in range(used)), table)
     return Campaign(plan, nominal, summary, until, table)
-
-
-def run_shard(plan: CampaignPlan, means: Means, shard: tuple[int, int]) -> int:
-    """Drive every ``shard[1]``-th chunk from the ``shard[0]``-th, counted from 1, on.
-
-    Returns the number of its chunks.
-
-    Raises:
-        CanrollError: as of :meth:`Means.drive`.
-    """
-    first, of = shard
-    chunks = range(first - 1, plan.chunks, of)
-    for _ in means.drive(plan, chunks):
-        pass
-    return len(chunks)
-
-
-def merge(folders: Sequence[Path], store: Chunks, plan: CampaignPlan) -> None:
-    """Bring the chunks of the shards in ``folders`` to one store.
-
-    Raises:
-        CanrollError: a folder holds another campaign, or chunks are missing; the message says
-            which.
-    """
-    missing = []
-    for chunk in range(plan.chunks):
-        name = chunk_name(chunk)
-        others = (Chunks(folder, plan.digest) for folder in folders if folder != store.folder)
-        source = None if store.has(name) else next((o for o in others if o.has(name)), None)
-        if source is not None:
-            store.take(source, name)
-        elif not store.has(name):
-            missing.append(chunk)
-    if missing:
-        shown = ", ".join(map(str, missing[:5])) + (" …" if len(missing) > 5 else "")
-        raise CanrollError(
-            f"merge: {len(missing)} of {plan.chunks} chunks are missing ({shown}): finish their "
-            "shards first"
-        )

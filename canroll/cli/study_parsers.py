@@ -13,7 +13,6 @@ from canroll.cli.options import (
     path_named,
 )
 from canroll.cli.parser import Parser
-from canroll.errors import CanrollError
 from canroll.setup.choices import OF_ONE_MANOEUVRE
 
 DEFAULT_DRAWS = 100
@@ -22,8 +21,6 @@ EVENT_NAMES = (
     *("limit_cycle", "harm"),
 )
 """Events of a draw, see :mod:`canroll.campaigns.events`."""
-RARE_EVENTS = tuple(name for name in EVENT_NAMES if name not in ("fails", "limit_cycle"))
-"""Those that can be approached by levels."""
 
 
 def campaign(parser: Parser) -> None:
@@ -31,17 +28,14 @@ def campaign(parser: Parser) -> None:
     parser.description = (
         "Drive a manoeuvre with one calibration on many draws of vehicle, noise, bus and fault: "
         "those of a campaign file, or of the options. The controller is designed for the first "
-        "bus; one or none of the given faults is drawn; --seed is that of the draws. "
-        "'canroll campaign merge FOLDER…' joins the shards of a campaign."
+        "bus; one or none of the given faults is drawn; --seed is that of the draws."
     )
-    one = {"only": ONE_CASE}
-    rare = {"rare": "--rare draws level by level"}
     parser.add_argument(
         "what",
-        nargs="*",
-        metavar="SCENARIO|FILE.toml|merge FOLDER…",
-        help=f"manoeuvre (default: {DEFAULT_SCENARIO}), campaign file, or 'merge' and the --out "
-        "folders of all shards",
+        nargs="?",
+        default=DEFAULT_SCENARIO,
+        metavar="SCENARIO|FILE.toml",
+        help="manoeuvre or campaign file (default: %(default)s)",
     )
     parser.add_argument(
         "--runs", type=int, metavar="N", help=f"draws (default: the file's, or {DEFAULT_DRAWS})"
@@ -56,7 +50,7 @@ def campaign(parser: Parser) -> None:
     )
     parser.add_argument(
         "--until",
-        excludes={**one, **rare},
+        excludes={"only": ONE_CASE},
         type=float,
         metavar="WIDTH",
         help="stop when the 95 %% interval of the event's probability is at most this wide",
@@ -68,39 +62,10 @@ def campaign(parser: Parser) -> None:
         default=EVENT_NAMES[0],
         help=f"event of --until: {', '.join(EVENT_NAMES)} (default: %(default)s)",
     )
-    parser.add_argument(
-        "--rare",
-        choices=RARE_EVENTS,
-        help=f"estimate the probability of a rare event by subset simulation instead: "
-        f"{', '.join(RARE_EVENTS)}",
-    )
-    parser.add_argument(
-        "--samples",
-        needs=("rare",),
-        type=int,
-        default=1000,
-        metavar="N",
-        help="with --rare: samples on each level (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--shard",
-        excludes={**one, **rare, "until": "--until needs all draws in their order"},
-        type=shard,
-        metavar="I/N",
-        help="drive the I-th of N parts, to be merged later",
-    )
     add_execution(parser, "draw")
     add_choices(parser, OF_A_RUN, several=("bus",))
     add_answer(parser, "page and table")
     parser.set_defaults(verbose=False)
-
-
-def shard(text: str) -> tuple[int, int]:
-    """Return the numbers of "I/N"."""
-    first, _, of = text.partition("/")
-    if not (first.isdecimal() and of.isdecimal()) or not 1 <= int(first) <= int(of):
-        raise CanrollError(f"--shard {text}: must be I/N with I from 1 to N, e.g. 2/8")
-    return int(first), int(of)
 
 
 def faults(parser: Parser) -> None:

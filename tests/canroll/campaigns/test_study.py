@@ -121,25 +121,17 @@ def test_processes_change_nothing(alone, tmp_path):
     assert len(list((tmp_path / "campaign").glob("*.parquet"))) == 20
 
 
-@pytest.mark.slow
-def test_shards_are_merged_to_the_same_table(alone, tmp_path, capsys):
-    shards = [tmp_path / "one", tmp_path / "two"]
-    for number, folder in enumerate(shards, 1):
-        if number == 2:
-            merged = ["campaign", "merge", *map(str, shards[:1]), "--out", str(tmp_path / "all")]
-            assert main(merged) == 2
-            assert "10 of 20 chunks are missing (1, 3, 5" in capsys.readouterr().err
-        options = ["--runs", "20", "--out", str(folder), "--shard", f"{number}/2"]
-        assert main(["campaign", *LIGHT, *options]) == 0
-    merged = ["campaign", "merge", *map(str, shards), "--out", str(tmp_path / "all")]
-    assert main(merged) == 0
-    for name in ("campaign.parquet", "campaign/0000013.parquet"):
-        assert (tmp_path / "all" / name).read_bytes() == (alone / name).read_bytes()
+def first_chunks(alone, folder, count):
+    """Copy what a process that was killed after ``count`` chunks leaves."""
+    (folder / "campaign").mkdir()
+    for chunk in sorted((alone / "campaign").glob("*.parquet"))[:count]:
+        shutil.copy(chunk, folder / "campaign")
+    shutil.copy(alone / "campaign" / "plan.json", folder / "campaign")
 
 
 def test_an_unfinished_campaign_is_resumed_and_never_overwritten(alone, tmp_path, capsys):
     options = ["campaign", *LIGHT, "--runs", "20", "--out", str(tmp_path)]
-    assert main([*options, "--shard", "1/2"]) == 0
+    first_chunks(alone, tmp_path, 10)
     assert main(options) == 2
     assert "holds an unfinished campaign (10 chunks)" in capsys.readouterr().err
     assert main([*options, "--resume", "--runs", "21"]) == 2
@@ -174,7 +166,7 @@ def test_another_file_of_the_same_name_is_another_campaign(tmp_path, changed):
 
 def test_a_damaged_chunk_is_named(alone, tmp_path, capsys):
     options = ["campaign", *LIGHT, "--runs", "20", "--out", str(tmp_path)]
-    assert main([*options, "--shard", "1/20"]) == 0
+    first_chunks(alone, tmp_path, 1)
     chunk = tmp_path / "campaign" / "0000000.parquet"
     chunk.write_bytes(chunk.read_bytes()[:500])
     capsys.readouterr()
@@ -233,19 +225,11 @@ def test_a_law_that_oscillates_fails_and_its_draw_can_be_seen_alone(tmp_path, ca
         (["--fault", "Imu.RollRate=stick"], "did you mean 'stuck'?"),
         (["--only", "-1"], "must be at least 0"),
         (["--only", "7", "--runs", "7"], "the campaign has the draws 0 to 6"),
-        (["--shard", "3/2"], "must be I/N with I from 1 to N"),
-        (["--shard", "1/2", "--json"], "add --out"),
         (["--resume", "--json"], "add --out"),
         (["--until", "2"], "must be above 0 and below 1"),
-        (
-            ["--until", "0.1", "--shard", "1/2"],
-            "--shard: --until needs all draws in their order: omit it",
-        ),
         (["--scheduler", "host:8786"], "must be local or an address"),
         (["fishhok"], "did you mean 'fishhook'?"),
-        (["fishhook", "j_turn"], "one manoeuvre or campaign file"),
-        (["merge"], "name the --out folders"),
-        (["merge", "nowhere"], "nowhere/campaign: not a campaign"),
+        (["fishhook", "j_turn"], "j_turn"),
         (["nowhere.toml"], "nowhere.toml: not a campaign file"),
     ],
 )

@@ -6,9 +6,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from canroll.campaigns.events import EVENTS, LEVELLED
+from canroll.campaigns.events import EVENTS
 from canroll.campaigns.plan import HELPS, NO_HELP, ROLLOVER, SIDES, STAYS_HARMLESS, verdicts
-from canroll.cli.study_parsers import EVENT_NAMES, RARE_EVENTS
+from canroll.cli.study_parsers import EVENT_NAMES
 from canroll.runs.limit_cycle import LimitCycle
 from canroll.runs.metrics import Metrics
 from canroll.runs.standard import Standard, StandardJudgement, StandardOutcome
@@ -75,4 +75,3 @@ def test_harm_is_that_of_a_run_with_faults(before, after, verdict):
 def test_the_options_offer_all_events():
     """The parsers name them, for they must not import what computes them."""
     assert tuple(EVENTS) == EVENT_NAMES
-    assert LEVELLED == RARE_EVENTS

@@ -5,7 +5,6 @@ import sys
 
 import pytest
 
-from canroll.campaigns import store
 from canroll.cli.main import main
 from canroll.registry import TRUST
 
@@ -73,14 +72,6 @@ def test_a_received_run(folder, run, capsys, key, command):
 def test_a_campaign_file(folder, capsys, text):
     (folder / "c.toml").write_text(f"schema = 1\nruns = 1\n{text}")
     assert refused(folder, capsys, ["campaign", "c.toml", "--jobs", "1", "--json"], "c.toml")
-
-
-@pytest.mark.parametrize("words", [[CODE], ["moose", "--law", CODE], ["moose", "--bus", CODE]])
-def test_the_command_line_in_the_shards_of_a_campaign(folder, capsys, words):
-    (folder / "s" / "campaign").mkdir(parents=True)
-    plan = {store.ARGUMENTS: ["campaign", *words, "--trust"], "digest": ""}
-    (folder / "s" / "campaign" / store.PLAN).write_text(json.dumps(plan))
-    assert refused(folder, capsys, ["campaign", "merge", "s"], "s/campaign/plan.json: ")
 
 
 @pytest.mark.parametrize("key", ["law", "plant", "bus"])
