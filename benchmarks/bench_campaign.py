@@ -25,12 +25,12 @@ from itertools import count
 
 from bench_plant import yardstick
 
-from canroll.campaigns import campaign_file
-from canroll.campaigns.plan import drive_chunk
-from canroll.campaigns.summary import count_of
 from canroll.cases.engine import LOCAL, engine, results
+from canroll.extensions.campaign import campaign_file, figures
+from canroll.extensions.campaign.plan import drive_chunk
+from canroll.extensions.campaign.summary import count_of
 from canroll.runs import experiment, virtual_time
-from canroll.studies import figures, variation
+from canroll.studies import variation
 from plant_sim.world import open_loop, world
 
 SCENARIO = "double_lane_change"

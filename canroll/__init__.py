@@ -23,7 +23,6 @@ from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from canroll.registry import Registry
 
 if TYPE_CHECKING:
-    from canroll.campaigns.study import campaign
     from canroll.cases.execution import Execution
     from canroll.handling.vehicle_tests import limit, response, understeer
     from canroll.network.responses import bus
@@ -51,7 +50,6 @@ __all__ = [
     "UnknownNameError",
     "VerdictError",
     "bus",
-    "campaign",
     "compare",
     "design",
     "drive",
@@ -78,7 +76,6 @@ _NAMES: "Registry[Any]" = Registry(
         "Table": "canroll.table:Table",
         "Task": "gain_gen.models.task:Task",
         "bus": "canroll.network.responses:bus",
-        "campaign": "canroll.campaigns.study:campaign",
         "compare": "canroll.studies.comparison:compare",
         "design": "gain_gen.design:design",
         "drive": "canroll.stepping:drive",

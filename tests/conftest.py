@@ -25,7 +25,7 @@ subprocess.Popen = Forked  # type: ignore[misc]
 NOT_CORE = [
     Path(__file__).parent / folder
     for folder in (
-        "canroll/campaigns",
+        "canroll/extensions/campaign",
         "canroll/extensions/exchange",
         "canroll/extensions/car/identification",
         "canroll/extensions/papers",

@@ -16,8 +16,8 @@ from scipy.io import savemat
 
 import vehicles
 from canroll import documents
-from canroll.campaigns import campaign_file
 from canroll.errors import CanrollError
+from canroll.extensions.campaign import campaign_file
 from canroll.extensions.exchange.fmi import map_file
 from canroll.runs import saved_run
 from codegen.generated import bus_map

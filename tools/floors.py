@@ -53,11 +53,13 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("hil",),
     ("hil.check",),
     ("canroll.report",),
-    ("canroll.studies", "canroll.handling", "hil.watch", "canroll.attacks"),
-    ("canroll.campaigns",),
+    ("canroll.studies", "canroll.handling", "hil.watch"),
     ("canroll.cli",),
     ("canroll",),
     (
+        "canroll.extensions.campaign",
+        "canroll.extensions.campaign.attacks",
+        "canroll.extensions.campaign.faults",
         "canroll.extensions.car.sizing",
         "canroll.extensions.car.identification",
         "canroll.extensions.papers",
@@ -72,6 +74,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
         "canroll.extensions.exchange",
     ),
     (
+        "canroll.extensions.campaign.cli",
         "canroll.extensions.car.cli",
         "canroll.extensions.papers.cli",
         "canroll.extensions.exchange.cli",

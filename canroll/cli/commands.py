@@ -22,10 +22,7 @@ COMMANDS: "Registry[Callable[[Parser], None]]" = Registry(
         "design": "canroll.cli.design_parsers:design",
         "margins": "canroll.cli.design_parsers:margins",
         "prove": "canroll.cli.design_parsers:prove",
-        "campaign": "canroll.cli.study_parsers:campaign",
-        "severe": "canroll.cli.study_parsers:severe",
-        "faults": "canroll.cli.study_parsers:faults",
-        "attacks": "canroll.cli.study_parsers:attacks",
+        "severe": "canroll.cli.run_parsers:severe",
         "limit": "canroll.cli.run_parsers:limit",
         "understeer": "canroll.cli.run_parsers:understeer",
         "response": "canroll.cli.run_parsers:response",
@@ -42,9 +39,8 @@ COMMANDS: "Registry[Callable[[Parser], None]]" = Registry(
 )
 """What adds a command's options to its parser, by the command's name."""
 TASKS: Mapping[str, tuple[str, ...]] = {
-    "simulate": ("run", "compare", "sweep", "report"),
+    "simulate": ("run", "compare", "sweep", "severe", "report"),
     "design": ("design", "margins", "prove"),
-    "assess": ("campaign", "severe", "faults", "attacks"),
     "characterise a vehicle": ("limit", "understeer", "response"),
     "network": ("bus",),
     "hardware": ("hil", "ecu", "plant", "watch"),

@@ -7,14 +7,16 @@ from canroll.cli.options import (
     add_choices,
     add_execution,
     add_json,
+    add_numbers,
     add_recording,
     add_scenario,
+    add_spread,
     add_verbose,
     path_named,
     scenario,
 )
 from canroll.cli.parser import Parser, Relations
-from canroll.setup.choices import CHOICES
+from canroll.setup.choices import CHOICES, OF_ONE_MANOEUVRE
 
 DEFAULT_SPEEDS = "60:120:20"
 LOADS = ("laden", "empty")
@@ -189,3 +191,21 @@ def response(parser: Parser) -> None:
         help="with --linear, --law or --calibration: write response.png there",
     )
     add_json(parser)
+
+
+def severe(parser: Parser) -> None:
+    """Severe manoeuvres over a population of vehicles."""
+    parser.handler = "canroll.cli.vehicle_tests:severe"
+    parser.description = (
+        "Drive lane changes, fishhook, J-turn, sine with dwell and one-sided bumps with a "
+        "population of vehicles: without control, with the best passive bar, with the plain "
+        "feedforward, and with a law."
+    )
+    names = [name for name in OF_A_RUN if name not in OF_ONE_MANOEUVRE]
+    add_choices(parser, names)
+    parser.add_argument(
+        "--runs", type=int, default=20, metavar="N", help="vehicles (default: %(default)s)"
+    )
+    add_spread(parser)
+    add_execution(parser, "pair of manoeuvre and vehicle")
+    add_numbers(parser)

@@ -5,19 +5,16 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, ParamSpec
+from typing import ParamSpec
 
 import rich.table
 from rich.cells import cell_len
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn
 from rich.text import Text
 
 from canroll.report.console import Console
 from canroll.report.page import NUMBER, Cell, PageTable
-
-if TYPE_CHECKING:
-    from canroll.campaigns.summary import Summary
 
 Arguments = ParamSpec("Arguments")
 
@@ -59,35 +56,6 @@ def by_the_minute(describe: Callable[Arguments, str]) -> Callable[Arguments, Non
             note(f"{describe(*args, **kwargs)} after {(now - start) / MINUTE_S:.0f} min")
 
     return report
-
-
-@contextmanager
-def draws(total: int, *, quiet: bool) -> "Iterator[Callable[[Summary, int], None]]":
-    """Show draws, rate, time left and failures so far on stderr; not on a terminal, as above."""
-    console = Console(stderr=True)
-    if quiet:
-        yield lambda summary, kept: None
-        return
-    if not console.is_terminal:
-        yield by_the_minute(lambda summary, kept: f"draw {summary.draws} of {total}")
-        return
-    columns = (
-        TextColumn("draw {task.completed:.0f} of {task.total:.0f}"),
-        BarColumn(),
-        TextColumn("{task.fields[rate]} {task.fields[fails]} fail"),
-        TimeRemainingColumn(compact=True),
-    )
-    with Progress(*columns, console=console, transient=True) as bars:
-        task = bars.add_task("", total=total, rate="", fails=0)
-        start = time.monotonic()
-
-        def report(summary: "Summary", kept: int) -> None:
-            rate = (summary.draws - kept) / max(time.monotonic() - start, 1e-9)
-            bars.update(
-                task, completed=summary.draws, rate=f"{rate:.1f} draws/s", fails=summary.fails
-            )
-
-        yield report
 
 
 def note(text: str) -> None:

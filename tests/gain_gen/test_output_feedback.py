@@ -10,8 +10,8 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 import vehicles
-from canroll.campaigns.intervals import exact
 from canroll.errors import CanrollError
+from canroll.extensions.campaign.intervals import exact
 from gain_gen.analysis.family import CONDITIONS, NOMINAL, family, family_of
 from gain_gen.analysis.verify import GAIN_MARGIN_DB, PEAK_SENSITIVITY
 from gain_gen.design import design

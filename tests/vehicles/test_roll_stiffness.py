@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from canroll.campaigns import campaign_file
-from canroll.campaigns.quantities import drawn
 from canroll.errors import CanrollError
+from canroll.extensions.campaign import campaign_file
+from canroll.extensions.campaign.quantities import drawn
 from plant_sim.bodies.parameters import build_parameters
 from vehicles import load
 from vehicles.roll_stiffness import springs_within

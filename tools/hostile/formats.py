@@ -22,13 +22,13 @@ import tomli_w
 from scipy.io import savemat
 
 import vehicles
-from canroll.campaigns import campaign_file, store
 from canroll.errors import CanrollError
+from canroll.extensions.campaign import campaign_file, store
+from canroll.extensions.campaign.faults import catalogue as fault_catalogue
 from canroll.extensions.exchange.fmi import plant as fmu
 from canroll.runs import saved_run
 from canroll.runs.experiment import plan
 from canroll.runs.result import Settings
-from canroll.studies import fault_catalogue
 from codegen.export import a2l
 from codegen.generated import bus_map, own_stage
 from codegen.run import native, stage_modules

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from canroll.extensions.campaign.faults.catalogue import CatalogueEntry
+from canroll.extensions.campaign.faults.study import StudiedLoop, judge
 from canroll.reaction import switched_off
 from canroll.runs.experiment import drive, plan
 from canroll.runs.metrics import peak
-from canroll.studies.fault_catalogue import CatalogueEntry
-from canroll.studies.fault_study import StudiedLoop, judge
 from firmware.state import ACTIVE, INIT
 from gain_gen.calibration.record import copied, identify
 

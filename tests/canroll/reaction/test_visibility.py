@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from canroll.extensions.campaign.faults.study import residuals_of
 from canroll.reaction.reaction import observe
 from canroll.reaction.visibility import Visibility, accepted, visibility
 from canroll.runs.experiment import drive, plan
-from canroll.studies.fault_study import residuals_of
 from plant_sim.faults import parse
 
 OFFSETS = {

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from support import split_bus
 
-from canroll.campaigns import campaign_file
 from canroll.cli.main import main
 from canroll.cli.run import about
 from canroll.errors import CanrollError
+from canroll.extensions.campaign import campaign_file
 from canroll.report.run_folder import write_files
 from canroll.report.signal_files import write_signals
 from canroll.runs import experiment, saved_run

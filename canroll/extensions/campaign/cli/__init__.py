@@ -1,0 +1,1 @@
+"""The commands ``campaign``, ``faults`` and ``attacks``."""
