@@ -22,7 +22,6 @@ EXTRAS = {
     "notebook": ("pandas", "xarray"),
     "target": ("bincopy", "capstone", "unicorn", "ziglang"),
     "uds": ("can-isotp", "udsoncan"),
-    "web": ("websockets",),
     "xcp": ("pya2ldb", "pyxcp"),
 }
 """Extras of this package, and the packages that come only with them."""

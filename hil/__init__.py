@@ -1,1 +1,1 @@
-"""Runs in virtual and real time, figures, reports, and the ``canroll`` command."""
+"""A run in real time or lock step: ECU and plant as two programs."""

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.long
 ROOT = Path(__file__).parents[1]
 INSTALLED = [package for package in PACKAGES if package != "tools"]
 OURS = ("canroll", "__editable__", "_virtualenv", "distutils-precedence")
-EXTRAS = ("asammdf", "unicorn", "websockets", "ziglang")
+EXTRAS = ("asammdf", "unicorn", "ziglang")
 """Packages that come with an extra only, left out of the new environment."""
 
 
@@ -149,7 +149,6 @@ def test_timing_needs_no_extra_where_qemu_is(canroll):
         ),
         (("run", "double_lane_change", "--signals", "x.mf4"), "asammdf", "asammdf"),
         (("run", "double_lane_change", "--log", "x.mf4"), "asammdf", "asammdf"),
-        (("watch", "--web"), "websockets", "web"),
     ],
 )
 def test_a_missing_extra_is_named(canroll, arguments, packages, extra):

@@ -51,7 +51,6 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("canroll.runs",),
     ("canroll.cases", "hil.hardware"),
     ("hil",),
-    ("hil.check",),
     ("canroll.report",),
     ("canroll.studies", "canroll.handling", "hil.watch"),
     ("canroll.cli",),

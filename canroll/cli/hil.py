@@ -4,31 +4,22 @@ import argparse
 import json
 import sys
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import can
-from rich.table import Table
 
 from canroll.cli import run_view, terminal
 from canroll.cli.options import OF_A_RUN, choices_of, folder_of
 from canroll.errors import CanrollError
 from canroll.report import signal_files
-from canroll.report.console import Console
 from canroll.report.run_folder import write_files, write_text
 from canroll.report.staging import check_parent, usable_folder
-from canroll.runs import experiment
 from canroll.runs.logs import check_suffix, write_log
 from canroll.runs.virtual_time import Interrupted
-from hil import hil_run, own_bus
-from hil.check import measure
-from hil.hardware.bus_options import has_bus, options_of, parsed_options
+from hil import hil_run
+from hil.hardware.bus_options import has_bus, options_of
 from hil.hardware.interfaces import INTERFACES, is_shared
-from hil.timing_rows import QUANTILES
-
-CHECKED = "double_lane_change"
-"""The manoeuvre on whose frames ``--check`` times the firmware where none is named."""
 
 
 def bus_options(args: argparse.Namespace) -> list[str]:
@@ -65,15 +56,8 @@ def bus_options(args: argparse.Namespace) -> list[str]:
 
 def run(args: argparse.Namespace) -> int:
     """Drive, report and write; 1 if control does not help, or the run is not valid."""
-    if args.scenario is None and not args.check:
-        raise CanrollError("a manoeuvre is required, such as double_lane_change")
-    if args.check and not args.prepare:
-        return check_machine(args)
-
     if args.prepare:
-        hil_run.prepare(
-            args.scenario or CHECKED, duration=args.duration, **choices_of(args, OF_A_RUN)
-        )
+        hil_run.prepare(args.scenario, duration=args.duration, **choices_of(args, OF_A_RUN))
         return 0
     refuse_one_adapter(args)
     out = folder_of(args)
@@ -126,27 +110,6 @@ def refuse_one_adapter(args: argparse.Namespace) -> None:
         )
 
 
-def check_machine(args: argparse.Namespace) -> int:
-    """Measure the shortest sustainable tick; return 1 if it exceeds the requested one."""
-    scenario = args.scenario or CHECKED
-    settings, controller = experiment.plan(scenario, **choices_of(args, OF_A_RUN))
-    options = bus_options(args) or (own_bus.fd_options() if settings.firmware.fd else [])
-    bus = parsed_options(options) if options else None
-    seen = measure.measure(
-        settings,
-        controller,
-        bus,
-        duration=measure.DURATION if args.duration is None else args.duration,
-        announce=(lambda text: None) if args.json or not sys.stderr.isatty() else _announce,
-    )
-    answer = measure.report(seen, settings.tick * 1e3)
-    if args.json:
-        print(json.dumps(answer))
-    else:
-        show_check(answer)
-    return 0 if answer["held"] else 1
-
-
 def _announce(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
@@ -160,46 +123,3 @@ def report(answer: dict[str, Any], args: argparse.Namespace, result: Any) -> Non
     run_view.show_bus(result)
     terminal.show_files(result.files)
     run_view.show_timing(answer["timing"])
-
-
-def show_check(answer: Mapping[str, Any]) -> None:
-    """Print a report of :func:`hil.check.measure.report`."""
-    console = Console(highlight=False, soft_wrap=True)
-    table = Table("µs", *QUANTILES, box=None, pad_edge=False, header_style="bold")
-    for column in table.columns[1:]:
-        column.justify = "right"
-    rows = [
-        (f"wake-up, {_place(loop)} ({loop['role']})", loop["late_us"]) for loop in answer["loops"]
-    ]
-    bus = answer["bus"]
-    rows += [
-        ("timer, beyond 50 µs", answer["timer"]["overshoot_us"]),
-        ("tick of the firmware", answer["tick_us"]),
-        (f"round trip, {bus['interface']}", bus["round_trip_us"]),
-        (f"empty read, {bus['interface']}", bus["poll_us"]),
-    ]
-    for name, figures in rows:
-        if figures is not None:
-            table.add_row(name, *(f"{figures[quantile]:.0f}" for quantile in QUANTILES))
-    console.print(table)
-    if bus["missing"]:
-        console.print(f"no round trip: {bus['missing']}")
-    if bus["lost"]:
-        console.print(f"{bus['lost']} frames did not come back")
-    worst = max(answer["needed_us"].values())
-    held = [f"{tick} ms {'yes' if ok else 'no'}" for tick, ok in answer["ticks"].items()]
-    console.print(f"\nticks this machine can keep: {', '.join(held)}")
-    colour, word = ("green", "can") if answer["held"] else ("red", "cannot")
-    console.print(
-        f"[{colour}]This machine {word} keep a tick of {answer['tick_ms']:g} ms:[/{colour}] "
-        f"at worst {worst:.0f} µs of the {500 * answer['tick_ms']:.0f} µs allowed by the rule"
-    )
-    console.print(f"rule: {answer['rule']}")
-    if answer["findings"]:
-        console.print("\nfound, with remedies:")
-    for finding in answer["findings"]:
-        console.print(f"  {finding['what']}: {finding['remedy']}", markup=False)
-
-
-def _place(loop: Mapping[str, Any]) -> str:
-    return "not pinned" if loop["core"] is None else f"core {loop['core']}"

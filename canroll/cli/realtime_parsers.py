@@ -12,7 +12,6 @@ from canroll.cli.options import (
     add_section,
     add_services,
     path_named,
-    scenario,
 )
 from canroll.cli.parser import Parser, Relations
 from canroll.setup.choices import CHOICES
@@ -25,11 +24,8 @@ PEER_TIMEOUT = {"realtime": 0.8, "lockstep": 60.0}
 """Silence after which the other side is taken to be gone, s: in lock step it may be slow."""
 DEFAULT_PHASE_MS = 2.0
 FREE = "free"
-LOOPBACK = "127.0.0.1"
-DEFAULT_SERVE = f"{LOOPBACK}:29536"
+DEFAULT_SERVE = "127.0.0.1:29536"
 """Address of the plant's own bus."""
-WEB_PORT = 8029
-"""Port of the page of ``canroll watch``."""
 WORLD = tuple(name for name, choice in CHOICES.items() if choice.of == "world")
 """Choices of a run that concern the plant."""
 ON_A_BUS, TRACE, DRIVE = "bus", "trace", "drive"
@@ -41,9 +37,7 @@ def hil(parser: Parser) -> None:
     parser.description = (
         "Drive a manoeuvre in real time, with ECU and vehicle as separate programs."
     )
-    parser.add_argument(
-        "scenario", nargs="?", type=scenario, help="double_lane_change, roundabout, …"
-    )
+    add_scenario(parser)
     add_bus_arguments(parser)
     parser.add_argument(
         "--serve",
@@ -73,14 +67,6 @@ def hil(parser: Parser) -> None:
     add_recording(parser)
     add_answer(parser, "report, traces, …")
     add_prepare_option(parser)
-    parser.add_argument(
-        "--check",
-        action="store_true",
-        help="measure for --duration S (default: 10) whether this machine can keep the tick",
-    )
-    no_run = Relations(excludes={"check": "--check drives no manoeuvre"})
-    parser.relate(no_run, "serve", "pace", "passive")
-    parser.relate(Relations(excludes={"check": "--check writes no files"}), "out", "log", "signals")
 
 
 def ecu(parser: Parser) -> None:
@@ -190,22 +176,6 @@ def watch(parser: Parser) -> None:
     parser.description = "Show mode, roll, moments, trigger rate, bus load and fault codes."
     add_bus_arguments(parser)
     parser.add_argument("--duration", type=float, metavar="S", help="default: until Ctrl-C")
-    parser.add_argument(
-        "--web", action="store_true", help="live plots in the browser instead of the terminal"
-    )
-    parser.add_argument(
-        "--port",
-        needs=("web",),
-        type=int,
-        metavar="N",
-        help=f"port of the page, 0: a free one (default: {WEB_PORT})",
-    )
-    parser.add_argument(
-        "--host",
-        needs=("web",),
-        metavar="ADDRESS",
-        help=f"address on which the page is served (default: {LOOPBACK}, this machine only)",
-    )
     parser.add_argument(
         "--json", action="store_true", help="no display; print one JSON object at the end"
     )

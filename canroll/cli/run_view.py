@@ -84,7 +84,7 @@ def show_bus(result: Result) -> None:
 
 
 def show_timing(timing: Mapping[str, Any]) -> None:
-    """Print quantiles, misses, losses and notes."""
+    """Print quantiles, misses, losses, whether the run is valid, and notes."""
     console = Console(highlight=False)
     table = rich.table.Table("µs", *QUANTILES, box=None, pad_edge=False, header_style="bold")
     for column in table.columns[1:]:
@@ -95,8 +95,9 @@ def show_timing(timing: Mapping[str, Any]) -> None:
             table.add_row(name, *(f"{figures[quantile]:.0f}" for quantile in QUANTILES))
     console.print()
     console.print(table)
+    word = "[green]PASS[/green]" if timing["valid"] else "[red]FAIL[/red]"
     console.print(
-        f"{timing['ticks']} ticks, {timing['deadline_misses']} missed, "
+        f"{word}  {timing['ticks']} ticks, {timing['deadline_misses']} missed, "
         f"{timing['frames_lost']} frames lost"
     )
     if timing["pace"] == "lockstep":

@@ -1,7 +1,6 @@
 """``canroll watch``: the state of the roll controller, from its bus frames only."""
 
 import argparse
-import asyncio
 import json
 import sys
 import time
@@ -14,15 +13,11 @@ from rich.table import Table
 from rich.text import Text
 
 from canroll.cli.ecu import nanoseconds
-from canroll.cli.realtime_parsers import LOOPBACK, WEB_PORT
-from canroll.errors import CanrollError
 from canroll.report.console import Console
 from hil import process
 from hil.bus_link import open_link
-from hil.hardware.interfaces import is_loopback
 from hil.watch.observation import Observation
 from hil.watch.onlooker import Onlooker
-from hil.watch.page import live_page
 
 DEFAULT_BITRATE = 500_000
 REFRESH = 0.1
@@ -32,26 +27,14 @@ MODE_STYLES = {"INIT": "yellow", "ACTIVE": "green", "DEGRADED": "yellow", "SAFE"
 def run(args: argparse.Namespace) -> int:
     """Watch until stopped; 0 if frames were seen, 1 if the bus was silent."""
     duration = nanoseconds(args.duration, "--duration")
-    watch = watch_in_browser if in_browser(args) else watch_in_terminal
     seen = Observation(getattr(args, "bitrate", DEFAULT_BITRATE))
     until = float("inf") if duration is None else time.monotonic() + duration * 1e-9
-    watch(args, seen, until)
+    watch_in_terminal(args, seen, until)
     if args.json:
         print(json.dumps(seen.summary()))
     else:
         Console().print(view(seen.summary(), seen))
     return 0 if seen.frames else 1
-
-
-def in_browser(args: argparse.Namespace) -> bool:
-    """Return whether a page is requested.
-
-    Raises:
-        CanrollError: an invalid port.
-    """
-    if args.port is not None and not 0 <= args.port <= 65535:
-        raise CanrollError(f"--port must be 1 to 65535, or 0 for a free one, got {args.port}")
-    return bool(args.web)
 
 
 def watch_in_terminal(args: argparse.Namespace, seen: Observation, until: float) -> None:
@@ -66,32 +49,6 @@ def watch_in_terminal(args: argparse.Namespace, seen: Observation, until: float)
                 onlooker.look()
                 if show:
                     live.update(view(seen.summary(), seen), refresh=True)
-    finally:
-        link.close()
-
-
-def watch_in_browser(args: argparse.Namespace, seen: Observation, until: float) -> None:
-    """Fill ``seen``, and serve the page that shows it, until the clock reaches ``until``."""
-    from hil.watch import server  # noqa: PLC0415 - needs the extra "web"
-
-    host = args.host or LOOPBACK
-    address = server.Address(host=host, port=WEB_PORT if args.port is None else args.port)
-    page = live_page(bitrate=seen.bitrate, assumed="bitrate" not in args)
-    out = sys.stderr if args.json else sys.stdout
-
-    def announce(url: str) -> None:
-        if not is_loopback(host):
-            print(f"note: anyone who can reach {host} can watch too", file=out)
-        print(f"watching at {url} (Ctrl-C to stop)", file=out, flush=True)
-
-    link = open_link(args)
-    try:
-        with process.stop_on_signals() as stop:
-            asyncio.run(
-                server.run(
-                    Onlooker(link, seen), page, address, stop=stop, until=until, announce=announce
-                )
-            )
     finally:
         link.close()
 

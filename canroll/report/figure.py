@@ -99,8 +99,8 @@ class Series:
 class Figure:
     """One plot. ``linked`` ones share range and cursor; ``equal`` ones are maps, not functions.
 
-    The y axis covers at least −``least`` to ``least``; with ``zero`` it starts at 0. With
-    ``levels`` it shows their names instead, the first at the top.
+    With ``zero`` the y axis starts at 0; with ``levels`` it shows their names instead, the first at
+    the top.
     """
 
     id: str
@@ -114,7 +114,6 @@ class Figure:
     linked: bool = True
     equal: bool = False
     zero: bool = False
-    least: float = 0.0
     levels: Sequence[str] = ()
 
     def data(self) -> dict[str, object]:
@@ -131,7 +130,6 @@ class Figure:
             "linked": self.linked,
             "equal": self.equal,
             "zero": self.zero,
-            "least": self.least,
             "levels": list(self.levels),
         }
 

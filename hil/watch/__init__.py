@@ -1,1 +1,1 @@
-"""Passive monitor of the roll controller's bus, and its live page."""
+"""Passive monitor of the roll controller's bus."""

@@ -4,7 +4,7 @@ from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from statistics import median
-from typing import Any, NamedTuple
+from typing import Any
 
 from cantools.database import DecodeError
 
@@ -16,27 +16,12 @@ from plant_sim.can_bus.wire.frame import EXTENDED, REMOTE, length_of
 WINDOW = 2.0
 """Window of rates, delays and load, s."""
 SILENT = 0.5
-"""Time after which an unheard side counts as silent, s; every message is more frequent."""
+"""Time after which an unheard message counts as silent, s; every one is more frequent."""
 IMU_LATE = 0.1
 """Time after the last Imu frame beyond which a command does not belong to it, s."""
 COUNTS = 15
 """The counters of E2E profile 1 run from 0 to 14; 15 is invalid."""
-CONTROLLER, VEHICLE = "controller", "vehicle"
 IMU_TO_COMMAND, COMMAND_TO_ACKNOWLEDGEMENT = "imu_to_command", "command_to_acknowledgement"
-
-
-class ObservedFrame(NamedTuple):
-    """Contents of one frame: instant (s), message, sender's side, values, delays (s), length.
-
-    ``side`` is None for frames outside the contract; delays are those that end with the frame.
-    """
-
-    t: float
-    message: str
-    side: str | None
-    values: Mapping[str, Any]
-    delays: Mapping[str, float]
-    bits: int
 
 
 @dataclass(slots=True)
@@ -52,7 +37,6 @@ class Observation:
         bitrate: bit rate of the bus, bit/s; an assumption for a virtual bus, which has none.
         frames: number of frames by message name, or by identifier outside the contract.
         values: last physical value of every signal, by message and signal.
-        heard: instants at which controller and vehicle were last heard, s.
         undecoded: frames of the contract that could not be decoded.
         missing: frames skipped by the counter, by message name.
         error_frames: number of error frames reported by the interface.
@@ -61,7 +45,6 @@ class Observation:
     bitrate: int
     frames: Counter[str] = field(default_factory=Counter)
     values: dict[str, dict[str, Any]] = field(default_factory=dict)
-    heard: dict[str, float] = field(default_factory=dict)
     undecoded: int = 0
     missing: Counter[str] = field(default_factory=Counter)
     error_frames: int = 0
@@ -72,7 +55,7 @@ class Observation:
     _first: float | None = None
     _now: float = 0.0
 
-    def see(self, t: float, frame: Frame, flags: int = 0) -> ObservedFrame:
+    def see(self, t: float, frame: Frame, flags: int = 0) -> None:
         """Process a frame received at ``t`` seconds.
 
         ``flags`` are those of :mod:`plant_sim.can_bus.wire.frame`.
@@ -81,21 +64,15 @@ class Observation:
         """
         ident, payload = frame
         name = f"0x{ident:08X}" if flags & EXTENDED else f"0x{ident:03X}"
-        values: dict[str, Any] = {}
-        delays: dict[str, float] = {}
-        side = None
         if not flags & (EXTENDED | REMOTE):
             try:
                 message = dbc.load().get_message_by_frame_id(ident)
                 name = message.name
                 decoded = message.decode(payload)
                 assert isinstance(decoded, dict)
-                values = decoded
-                self.values.setdefault(name, {}).update(values)
-                side = CONTROLLER if "RollControl" in message.senders else VEHICLE
-                self.heard[side] = t
-                delays = self._time(t, name, values)
-                self._count(t, name, values)
+                self.values.setdefault(name, {}).update(decoded)
+                self._time(t, name, decoded)
+                self._count(t, name, decoded)
             except DecodeError:
                 self.undecoded += 1
             except KeyError:
@@ -106,10 +83,9 @@ class Observation:
         if self._first is None:
             self._first = t
         self.pass_time(t)
-        return ObservedFrame(t, name, side, values, delays, bits)
 
-    def _time(self, t: float, name: str, values: Mapping[str, Any]) -> dict[str, float]:
-        """Return the delays that end with a frame, by name, s."""
+    def _time(self, t: float, name: str, values: Mapping[str, Any]) -> None:
+        """Keep the delays that end with a frame."""
         ended: dict[str, float] = {}
         if name.endswith("Command"):
             self._pending = t, _raw(values["Counter"])
@@ -123,7 +99,6 @@ class Observation:
                 self._pending = None
         for delay, duration in ended.items():
             self._delays.setdefault(delay, deque()).append((t, duration))
-        return ended
 
     def _count(self, t: float, name: str, values: Mapping[str, Any]) -> None:
         """Count frames skipped by a counter as missing, except across a silence."""
@@ -143,10 +118,6 @@ class Observation:
         for delays in self._delays.values():
             while delays and delays[0][0] < self._now - WINDOW:
                 delays.popleft()
-
-    def silence(self, side: str) -> float | None:
-        """Return the time since a side was last heard, s, or None if never."""
-        return self._now - self.heard[side] if side in self.heard else None
 
     def delay_ms(self, name: str) -> dict[str, float] | None:
         """Return median and maximum of a delay in the window, ms, or None without any."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import can
 
 from hil.bus_link import CanLink
-from hil.watch.observation import Observation, ObservedFrame
+from hil.watch.observation import Observation
 from plant_sim.can_bus.traffic.log_reader import flags_of
 
 LEAP = 5.0
@@ -64,24 +64,17 @@ class Onlooker:
     seen: Observation
     _clock: BusClock = field(default_factory=lambda: BusClock(time.monotonic()))
 
-    def look(self) -> list[ObservedFrame]:
+    def look(self) -> None:
         """Process all frames waiting on the bus."""
-        return self.take(self.link.messages())
+        self.take(self.link.messages())
 
-    def take(self, messages: Iterable[can.Message]) -> list[ObservedFrame]:
+    def take(self, messages: Iterable[can.Message]) -> None:
         """Process messages just received; error frames are only counted."""
         messages = list(messages)
         frames = [message for message in messages if not message.is_error_frame]
         self.seen.error_frames += len(messages) - len(frames)
         now = time.monotonic()
         times = self._clock.instants([frame.timestamp for frame in frames], now)
-        seen = [
+        for t, frame in zip(times, frames, strict=True):
             self.seen.see(t, (frame.arbitration_id, bytes(frame.data)), flags_of(frame))
-            for t, frame in zip(times, frames, strict=True)
-        ]
         self.seen.pass_time(self._clock.now(now))
-        return seen
-
-    def now(self) -> float:
-        """Return the present time on the observation's axis, s."""
-        return self._clock.now(time.monotonic())

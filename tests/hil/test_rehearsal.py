@@ -4,7 +4,6 @@ The far side of the adapter is python-can's own socketcand client on the plant's
 """
 
 import argparse
-import json
 import re
 import signal
 import time
@@ -14,7 +13,6 @@ import numpy as np
 import pytest
 from support.slcan_adapter import SlcanAdapter, line_of
 
-from canroll.cli.main import main
 from firmware.com.signals import TX_IDS
 from hil import bus_link, tick_trace
 from hil.bus_link import EXTENDED
@@ -113,19 +111,6 @@ def test_what_the_adapter_cannot_do_is_one_line(adapter):
     with pytest.raises(bus_link.CanrollError, match=r"Invalid bitrate.*500000") as raised:
         bus_link.open_link(options)
     assert "\n" not in str(raised.value)
-
-
-@pytest.mark.slow
-def test_the_check_of_an_adapter_says_what_it_could_not_measure(adapter, capsys):
-    bus = ["-i", "slcan", "-c", adapter.port, "-b", "500000"]
-    options = ["--bus-kwargs", "sleep_after_open=0", "--duration", "0.5", "--json"]
-    assert main(["hil", "--check", *bus, *options]) in (0, 1)
-    measured = json.loads(capsys.readouterr().out)["bus"]
-    assert measured["interface"] == f"slcan {adapter.port}"
-    assert measured["round_trip_us"] is None
-    assert "the echo needs a second node" in measured["missing"]
-    assert measured["poll_us"]["max"] > 0
-    assert adapter.bitrate == 500_000
 
 
 def driven(programs, calibration, folder, name, bus_of):

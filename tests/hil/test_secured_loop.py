@@ -12,7 +12,6 @@ from codegen.run.backends import Recorder, open_backend
 from codegen.run.secured import SecuredEcu
 from hil import ecu_loop, tick_trace
 from hil.bus_link import CanLink
-from hil.check import measure
 from hil.hardware import lasting
 from plant_sim.world.world import World
 
@@ -150,13 +149,6 @@ def test_a_drive_heard_again_is_new_to_an_ecu_that_starts_again(planned):
                     ecu.receive(box.ident, payload, len(payload))
             ecu.tick(1)
         assert ecu.accepted == before + more
-
-
-def test_the_check_times_the_authentication(planned):
-    settings, controller = planned
-    ticks = measure._driven(settings, controller)
-    assert ticks.key == settings.secret
-    assert {len(payload) for received in ticks.received for _, payload in received} == {20}
 
 
 @pytest.mark.slow

@@ -135,12 +135,6 @@ class Plot {
     return tables.length === 1 ? tables[0] : uPlot.join(tables);
   }
 
-  renew() {
-    this.full = null;
-    this.u.setData(this.data(), false);
-    this.draw();
-  }
-
   draw({ width, height } = this.size()) {
     const [min, max] = this.xRange();
     this.figure.classList.toggle("zoomed", Boolean((this.spec.linked ? shared.range : this.range) || this.yRange));
@@ -186,11 +180,11 @@ class Plot {
 
   // low and high: of what uPlot draws in the range shown; null if nothing
   valueRange(low, high) {
-    const { levels, zero, least } = this.spec;
+    const { levels, zero } = this.spec;
     if (levels.length) return [-0.5, levels.length - 0.5];
     if (this.yRange) return this.yRange;
-    let bottom = Math.min(low ?? Infinity, zero ? 0 : least ? -least : Infinity);
-    let top = Math.max(high ?? -Infinity, zero || least ? least : -Infinity);
+    let bottom = Math.min(low ?? Infinity, zero ? 0 : Infinity);
+    let top = Math.max(high ?? -Infinity, zero ? 0 : -Infinity);
     const [left, right] = this.xRange();
     for (const { x, y, kind, shown } of this.series) {
       if (!shown || (kind !== "map" && kind !== "points")) continue;

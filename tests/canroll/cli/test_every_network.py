@@ -90,7 +90,6 @@ COMMANDS = {
 }
 TWO_PROGRAMS = {
     "hil": f"hil double_lane_change --pace lockstep {SHORT} --json --bus",
-    "hil --check": f"hil --check {RUN} --duration 0.5 --json --bus",
 }
 """Commands that start processes: with the kinds that matter to them."""
 BUILT = ("timing", "export-c")
@@ -104,7 +103,6 @@ CELLS = [
     for kind in NETWORKS
 ]
 CELLS += [("hil", "own frames"), ("hil", "fd profile")]
-CELLS += [pytest.param("hil --check", "own frames", marks=pytest.mark.long)]
 
 
 @pytest.fixture(scope="module")

@@ -1,22 +1,22 @@
 """Recorded columns as the page unpacks them: in the browser, against what was packed."""
 
 import json
+from importlib.resources import files
 
 import numpy as np
 import pytest
 from support.chromium import tab
 
 from canroll.report.columns import STEPS, column, every, instants, payloads
-from canroll.report.document import PLOTS, document
+from canroll.report.document import PLOTS
 
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "page.html"
-    page = document(
-        "live.html", "t", styles=(), scripts=(*PLOTS, "recorded.js"), data={}, tiles=(), spans=()
-    )
-    path.write_text(page, encoding="utf-8")
+    assets = files("canroll.report") / "assets"
+    scripts = [(assets / name).read_text(encoding="utf-8") for name in (*PLOTS, "recorded.js")]
+    path.write_text("".join(f"<script>{text}</script>" for text in scripts), encoding="utf-8")
     with tab() as opened:
         opened.open(f"file://{path}")
         yield opened

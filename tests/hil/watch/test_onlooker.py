@@ -22,10 +22,10 @@ def test_frames_taken_at_once_are_apart_by_their_stamps():
         message("SuspensionForceCommand", 1.8e9 + 0.004, Counter=2),
         message("ActuatorState", 1.8e9 + 0.01, AcceptedCounter=2),
     ]
-    seen = onlooker.take(taken)
-    assert [one.t - seen[0].t for one in seen] == pytest.approx([0.0, 0.004, 0.01], abs=1e-6)
-    assert seen[-1].t <= onlooker.now()
-    assert onlooker.seen.summary()["imu_to_command_ms"]["max"] == pytest.approx(4.0, abs=1e-3)
+    onlooker.take(taken)
+    summary = onlooker.seen.summary()
+    assert summary["imu_to_command_ms"]["max"] == pytest.approx(4.0, abs=1e-3)
+    assert summary["command_to_acknowledgement_ms"]["max"] == pytest.approx(6.0, abs=1e-3)
 
 
 def test_error_frames_are_counted_and_others_told_apart():

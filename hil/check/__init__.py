@@ -1,1 +1,0 @@
-"""The shortest tick this machine can sustain, measured before hardware is connected."""
