@@ -10,7 +10,6 @@ from canroll.cli.bus_parsers import DATABASE, LOG, NETWORK, SET
 from canroll.cli.parser import check_mode
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.network.analysis import AnalysisOptions
-from canroll.network.margins import MarginsRequest
 from canroll.network.recorded import Added, ExtendedLog
 from canroll.network.show import parts
 from canroll.network.sources import BusNetwork, BusReplay, TrafficSet
@@ -105,7 +104,7 @@ def _traffic_set(args: argparse.Namespace) -> TrafficSet:
     return TrafficSet(
         args.file.name,
         traffic,
-        MarginsRequest(args.offsets, args.sensitivity, args.errors_per_second, args.propose),
+        args.offsets,
         args.replay and BusReplay(args.replay, args.channel, args.section),
     )
 
@@ -131,7 +130,7 @@ def _options(args: argparse.Namespace) -> AnalysisOptions:
 
 def _check(args: argparse.Namespace) -> None:
     """Refuse values and combinations that no file takes."""
-    for option in ("simulate", "tick", "period", "error_interval", "errors_per_second"):
+    for option in ("simulate", "tick", "period", "error_interval"):
         value = getattr(args, option)
         least = 0.0 if option == "simulate" else 1e-3
         if value is not None and not (value >= least and math.isfinite(value)):

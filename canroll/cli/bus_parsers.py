@@ -12,7 +12,6 @@ from canroll.cli.parser import Parser, Relations
 from canroll.network import COMMANDS, SENSOR
 from plant_sim.can_bus.servers import SHARED_PORT, SOCKETCAND_PORT
 
-PROPOSALS = ("priorities", "offsets")
 LOG, NETWORK, SET, DATABASE = "bus log", "network", "traffic set", "database"
 """What FILE of ``canroll bus`` can be."""
 OF_A_SET = (SET, DATABASE)
@@ -102,32 +101,6 @@ def bus(parser: Parser) -> None:
         excludes=SERVED,
         action="store_true",
         help="take the offsets between the messages of a node into account in the bounds",
-    )
-    parser.add_argument(
-        "--sensitivity",
-        only=OF_A_SET,
-        outside=NEEDS_A_SET,
-        excludes=SERVED,
-        action="store_true",
-        help="greatest factor on the rate of all messages with which every deadline is met",
-    )
-    parser.add_argument(
-        "--errors-per-second",
-        only=OF_A_SET,
-        outside=NEEDS_A_SET,
-        excludes=SERVED,
-        type=float,
-        metavar="R",
-        help="probability of a missed deadline with R random errors a second (Poisson)",
-    )
-    parser.add_argument(
-        "--propose",
-        only=OF_A_SET,
-        outside=NEEDS_A_SET,
-        excludes=SERVED,
-        choices=PROPOSALS,
-        help="identifiers that meet all deadlines (Audsley), or offsets that spread the"
-        " messages of each node",
     )
     parser.add_argument(
         "--replay",

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import VerdictError
-from canroll.network.margins import BusMargins
 from plant_sim.can_bus.bounds.analysis import ResponseBound, worst_case_utilisation
 from plant_sim.can_bus.bounds.delay_bounds import DelayBounds
 from plant_sim.can_bus.traffic.inference import InferredMessage
@@ -163,7 +162,6 @@ class Answer:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)
-    margins: BusMargins = field(default_factory=BusMargins)
 
     def rows(self) -> Iterator[tuple[str, MessageRow]]:
         """Yield every row with a name for its message and, if there are several, the segment."""
@@ -180,7 +178,7 @@ class Answer:
         unbounded = any(b.bound_ns is None and b.covered for row in rows for b in row.bounds)
         late = any(row.is_late for row in rows)
         no_delay = self.delay is not None and self.delay.failed
-        return unbounded or late or no_delay or bool(self.margins.refused)
+        return unbounded or late or no_delay
 
     def check(self) -> None:
         """Reject a bound that the simulation exceeds.

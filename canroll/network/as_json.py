@@ -2,11 +2,9 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
 from typing import Any
 
 from canroll.network.answer import MS, Answer, MessageRow, PathDelay, SegmentAnswer, Times
-from canroll.network.margins import BusMargins
 from plant_sim.can_bus.traffic.inference import InferredMessage
 
 Keys = Mapping[str, Callable[[MessageRow], Any]]
@@ -74,7 +72,6 @@ def set_json(answer: Answer) -> dict[str, Any]:
         **answer.facts,
         **_load(segment),
         **({} if answer.delay is None else {"delay": _delay(answer.delay)}),
-        **_margins(answer.margins),
     }
 
 
@@ -148,32 +145,3 @@ def _delay(delay: PathDelay) -> dict[str, float | None]:
         "age_min_ms": milliseconds(delay.age.least),
         "age_max_ms": milliseconds(delay.age.greatest),
     }
-
-
-def _margins(margins: BusMargins) -> dict[str, Any]:
-    """Return the keys of the requested margins."""
-    result: dict[str, Any] = {}
-    if margins.breakdown is not None:
-        result["breakdown"] = asdict(margins.breakdown)
-    if margins.errors_per_s is not None:
-        result["errors"] = {
-            t.message.name: {
-                "deadline_ms": t.message.due_ns * MS,
-                "survived": t.errors,
-                "miss_probability": t.probability,
-            }
-            for t in margins.tolerance
-        }
-    if margins.kind is not None:
-        result["proposal"] = {
-            old.message.name: {
-                "id": new.message.ident,
-                "offset_ms": new.message.offset_ns * MS,
-                "bound_before_ms": milliseconds(old.bound_ns),
-                "bound_ms": milliseconds(new.bound_ns),
-            }
-            for old, new in margins.proposed
-        } or None
-    if margins.refused:
-        result["no_proposal"] = margins.refused
-    return result

@@ -11,7 +11,6 @@ from canroll.network import SENSOR
 from canroll.network.analysis import AnalysisOptions
 from canroll.network.answer import MS, Answer
 from canroll.network.as_json import milliseconds
-from canroll.network.margins import MarginsRequest
 from canroll.network.recorded import Added, ExtendedLog
 from canroll.network.sources import BusNetwork, TrafficSet
 from canroll.table import Table
@@ -118,7 +117,7 @@ def bus(
         if not path.suffix and not path.exists():
             raise UnknownNameError("bus", name, BUSES)
         traffic = load_traffic(path, **rates, period_ms=period_ms)
-        source = TrafficSet(path.name, traffic, MarginsRequest(False, False, None, None))
+        source = TrafficSet(path.name, traffic)
     options = AnalysisOptions(SENSOR, None, tick_ms, None, simulate_s, seed, False)
     answers = source.analyse(options, lambda *_: None)
     for answer in answers:

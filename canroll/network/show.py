@@ -7,13 +7,8 @@ from rich import box
 from rich.table import Table
 
 from canroll.network.answer import MS, Answer, LoopNames, MessageRow, PathDelay, SegmentAnswer
-from canroll.network.margins import BusMargins
 from plant_sim.can_bus.bounds.analysis import ResponseBound
-from plant_sim.can_bus.bounds.sensitivity import Breakdown
 from plant_sim.can_bus.traffic.arrivals import MIXED
-
-_MOST_MISSES = 5
-"""Number of the most probable misses that are printed; --json has all."""
 
 Column = tuple[str, Callable[[MessageRow], str]]
 
@@ -125,25 +120,19 @@ def parts(answer: Answer) -> Iterator[Table | str]:
     yield from answer.notes
     if answer.delay is not None:
         yield _delay_line(answer.delay, answer.loop)
-    yield from _margins(answer.margins)
 
 
 def _table(title: str, columns: Sequence[Column], rows: Sequence[MessageRow]) -> Table:
-    table = _empty(title, [heading for heading, _ in columns])
-    for row in rows:
-        added = row.evidence is None and any(other.evidence for other in rows)
-        table.add_row(*(text(row) for _, text in columns), style="bold" if added else None)
-    return table
-
-
-def _empty(title: str, headings: Sequence[str]) -> Table:
-    """Return a table without rows; on a narrow terminal only names are broken."""
     table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for heading in headings:
+    for heading, _ in columns:
+        # on a narrow terminal only names are broken
         if heading in ("message", "way"):
             table.add_column(heading, overflow="fold")
         else:
             table.add_column(heading, justify="right", no_wrap=True)
+    for row in rows:
+        added = row.evidence is None and any(other.evidence for other in rows)
+        table.add_row(*(text(row) for _, text in columns), style="bold" if added else None)
     return table
 
 
@@ -198,51 +187,3 @@ def _delay_line(delay: PathDelay, loop: LoopNames) -> str:
         f" sample-to-force age at most {total.age_max * 1e3:.2f} ms"
     )
     return f"{line}, {seen}" if seen else line
-
-
-def _margins(margins: BusMargins) -> Iterator[Table | str]:
-    if margins.breakdown is not None:
-        yield _rate_line(margins.breakdown)
-    if margins.errors_per_s is not None:
-        worst = sorted(margins.tolerance, key=lambda t: -t.probability)[:_MOST_MISSES]
-        misses = (
-            f"{t.message.name} {t.probability:.2g}"
-            + (f" (survives {t.errors})" if t.errors >= 0 else " (late without any)")
-            for t in worst
-        )
-        yield (
-            f"at {margins.errors_per_s:g} errors a second a frame misses its deadline with a"
-            f" probability of at most: {', '.join(misses)}"
-        )
-    if margins.proposed:
-        yield _proposal_table(margins)
-    if margins.refused:
-        yield f"no {margins.kind} proposed: {margins.refused}"
-
-
-def _rate_line(margin: Breakdown) -> str:
-    """Return the line on the greatest factor on the rate of all messages."""
-    names = ", ".join(margin.first)
-    if margin.factor == 0.0:
-        return f"a deadline is missed at any message rate: {names}"
-    load = f"{margin.factor:.2f} (load {margin.utilisation:.1%})"
-    if margin.factor < 1.0:
-        return f"every deadline is met up to all rates times {load}, then missed: {names}"
-    line = f"all rates can grow by a factor of {load}"
-    return f"{line} before a deadline is missed: {names}" if names else line
-
-
-def _proposal_table(margins: BusMargins) -> Table:
-    headings = ("message", "id", "offset, ms", "deadline, ms", "bound, ms", "was, ms")
-    table = _empty(f"proposed {margins.kind}", headings)
-    for old, new in sorted(margins.proposed, key=lambda pair: pair[1].message.arbitration_key):
-        message = new.message
-        table.add_row(
-            message.name,
-            f"{message.ident:X}",
-            f"{message.offset_ns * MS:g}",
-            f"{message.due_ns * MS:g}",
-            _time(new.bound_ns, "none"),
-            _time(old.bound_ns, "none"),
-        )
-    return table

@@ -8,7 +8,6 @@ from typing import Any
 from canroll.network.analysis import AnalysisOptions, delay_over, segments_of
 from canroll.network.answer import Answer
 from canroll.network.as_json import network_json, set_json
-from canroll.network.margins import MarginsRequest, margins_of
 from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.bounds.delay_bounds import loop_network
 from plant_sim.can_bus.network.own_frames import messages_of, own_messages
@@ -52,11 +51,14 @@ class BusReplay:
 
 @dataclass(frozen=True, slots=True)
 class TrafficSet:
-    """A traffic set: a network of one segment."""
+    """A traffic set: a network of one segment.
+
+    ``offsets``: the messages of one node keep their offsets in the bounds.
+    """
 
     name: str
     traffic: Traffic
-    request: MarginsRequest
+    offsets: bool = False
     replay: BusReplay | None = None
 
     def analyse(self, options: AnalysisOptions, progress: Progress) -> list[Answer]:
@@ -73,7 +75,7 @@ class TrafficSet:
             notes += self.replay.notes(recording, options.duration_s)
         answer = Answer(
             self.name,
-            segments_of(network, options, recording=recording, offsets=self.request.offsets),
+            segments_of(network, options, recording=recording, offsets=self.offsets),
             loop,
             delay_over(network, loop, options, recording),
             warnings=traffic.warnings,
@@ -82,7 +84,6 @@ class TrafficSet:
                 "recording": None if recording is None else _recording_json(recording),
                 "warnings": list(traffic.warnings),
             },
-            margins=margins_of(traffic, self.request),
         )
         return [answer]
 

@@ -1,1 +1,1 @@
-"""Bounds of response times and delays: analysis, holistic over gateways, sensitivity."""
+"""Bounds of response times and delays: analysis, holistic over gateways."""

@@ -80,12 +80,11 @@ USELESS = [
     ("campaign --only 3 --scheduler tcp://x:1", "--scheduler: --only drives one case"),
     ("bus examples/bus.toml --pace realtime", "--pace: it belongs to --share"),
     ("bus examples/bus.toml --host 0.0.0.0", "--host: it belongs to --serve and --share"),
-    ("bus examples/bus.toml --serve --sensitivity", "--sensitivity: a served bus is not analysed"),
+    ("bus examples/bus.toml --serve --offsets", "--offsets: a served bus is not analysed"),
     ("bus examples/bus.toml --serve --json", "--json: a served bus is not analysed"),
     ("bus examples/bus.toml --serve --sensor Imi", "--sensor: a served bus is not analysed"),
     ("bus examples/bus.toml --serve --tick 10", "--tick: a served bus is not analysed"),
     ("bus examples/bus.toml --serve --simulate 3", "--simulate: a served bus is not analysed"),
-    ("bus examples/bus.toml --serve --propose offsets", "--propose: a served bus is not analysed"),
 ]
 
 
