@@ -15,7 +15,7 @@ from typing import Protocol
 
 import can
 
-from canroll.errors import CanrollError, VerdictError
+from canroll.errors import CanrollError
 from codegen.generated.mailbox import EXTENDED
 from hil.hardware import interfaces
 from hil.hardware.bus_options import open_bus, options_of
@@ -77,8 +77,7 @@ class CanLink:
 
     Args:
         bus: open bus.
-        reopen: function that reopens it; raises CanrollError while that fails. None: never, a lost
-            connection to a server raises VerdictError.
+        reopen: function that reopens it; raises CanrollError while that fails. None: it never is.
         record: filled with all traffic on the bus.
         echoes: the interface echoes sent frames, which are dropped.
         unmarked: it gives them back like those of others; as many as were sent are dropped.
@@ -219,13 +218,12 @@ class CanLink:
 
     def _lose(self) -> None:
         self.lost = True
-        if self._reopen is None:
-            raise VerdictError(f"{self.bus.channel_info}: the bus is gone")
         self._retry_at = min(self._retry_at, time.monotonic() + RETRY)
 
     def _try_again(self) -> None:
         self._retry_at = float("inf")
-        assert self._reopen is not None
+        if self._reopen is None:
+            return
         try:
             bus = self._reopen()
         except CanrollError:
@@ -280,11 +278,9 @@ def open_link(args: argparse.Namespace, fd: Mapping[int, bool] | None = None) ->
             "-i socketcan -c vcan0 --fd"
         )
     clock = interfaces.clock_of(name, kwargs)
-    # a shared bus that begins anew is another one: its time has gone back
-    reopen = None if name == interfaces.SHARED_BUS else lambda: open_bus(args)
     return CanLink(
         open_bus(args),
-        reopen,
+        lambda: open_bus(args),
         record=BusRecord(source(name, channel, clock, bitrate)),
         echoes=interfaces.echoes(name),
         unmarked=name == "udp_multicast",

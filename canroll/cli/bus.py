@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
     """Analyse, simulate and print; or serve until interrupted."""
     _check(args)
     source = open_source(args)
-    if isinstance(source, TrafficSet) and (args.serve, args.share) != (None, None):
+    if isinstance(source, TrafficSet) and args.serve is not None:
         # threads, sockets and protocols that nothing else of the command needs
         from canroll.cli.bus_server import serve  # noqa: PLC0415
 
@@ -139,13 +139,5 @@ def _check(args: argparse.Namespace) -> None:
         raise CanrollError(f"--xcp must be 0 to {N_ODT} frames, got {args.xcp}")
     if args.replay is not None and args.simulate <= 0.0:
         raise CanrollError("--replay needs --simulate above 0")
-    _check_server(args)
-
-
-def _check_server(args: argparse.Namespace) -> None:
-    for option in ("serve", "share"):
-        port = getattr(args, option)
-        if port is not None and not 0 <= port <= MAX_PORT:
-            raise CanrollError(f"--{option} {port}: the port must be 0 to {MAX_PORT}")
-    if args.programs is not None and args.programs < 1:
-        raise CanrollError(f"--programs must be at least 1, got {args.programs}")
+    if args.serve is not None and not 0 <= args.serve <= MAX_PORT:
+        raise CanrollError(f"--serve {args.serve}: the port must be 0 to {MAX_PORT}")

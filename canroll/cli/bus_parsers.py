@@ -2,22 +2,17 @@
 
 from pathlib import Path
 
-from canroll.cli.options import (
-    PACES,
-    add_choices,
-    add_json,
-    add_section,
-)
+from canroll.cli.options import add_choices, add_json, add_section
 from canroll.cli.parser import Parser, Relations
 from canroll.network import COMMANDS, SENSOR
-from plant_sim.can_bus.servers import SHARED_PORT, SOCKETCAND_PORT
+from plant_sim.can_bus.servers import SOCKETCAND_PORT
 
 LOG, NETWORK, SET, DATABASE = "bus log", "network", "traffic set", "database"
 """What FILE of ``canroll bus`` can be."""
 OF_A_SET = (SET, DATABASE)
 WITH_A_RATE = (LOG, SET, DATABASE)
 NEEDS_A_SET = " needs a traffic set: {file} is a {mode}"
-SERVED = dict.fromkeys(("serve", "share"), "a served bus is not analysed")
+SERVED = {"serve": "a served bus is not analysed"}
 
 
 def bus(parser: Parser) -> None:
@@ -150,10 +145,7 @@ def bus(parser: Parser) -> None:
         "--serve",
         only=OF_A_SET,
         outside=NEEDS_A_SET,
-        excludes={
-            "share": "--share has its own server",
-            "replay": "--serve and --replay exclude each other",
-        },
+        excludes={"replay": "--serve and --replay exclude each other"},
         nargs="?",
         type=int,
         const=SOCKETCAND_PORT,
@@ -162,42 +154,10 @@ def bus(parser: Parser) -> None:
         f" (default port: {SOCKETCAND_PORT})",
     )
     parser.add_argument(
-        "--share",
-        only=OF_A_SET,
-        outside=NEEDS_A_SET,
-        needs=("programs",),
-        nargs="?",
-        type=int,
-        const=SHARED_PORT,
-        metavar="PORT",
-        help="share the bus with --programs in lock step, for python-can with"
-        f" interface=simbus_shared (default port: {SHARED_PORT})",
-    )
-    parser.add_argument(
-        "--programs",
-        needs=("share",),
-        type=int,
-        metavar="N",
-        help="with --share: programs to wait for",
-    )
-    parser.add_argument(
-        "--pace",
-        needs=("share",),
-        choices=PACES,
-        default="lockstep",
-        help="with --share; realtime: no faster than the clock (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--mirror",
-        needs=("share",),
-        metavar="INTERFACE:CHANNEL",
-        help="with --share: every frame also goes to a bus of python-can, such as socketcan:vcan0",
-    )
-    parser.add_argument(
         "--host",
-        needs=("serve", "share"),
+        needs=("serve",),
         default="127.0.0.1",
-        help="with --serve and --share (default: %(default)s)",
+        help="with --serve (default: %(default)s)",
     )
     add_json(parser)
     parser.relate(Relations(excludes=SERVED), "json")

@@ -79,8 +79,7 @@ def open_bus(args: argparse.Namespace) -> can.BusABC:
     """
     try:
         name, channel, bitrate, options = options_of(args)
-        command = getattr(args, "arguments", ("node",))[0]
-        kwargs = interfaces.arguments_for(name, channel, bitrate, options, command)
+        kwargs = interfaces.arguments_for(name, channel, bitrate, options)
         if name == "socketcand":
             _reachable(str(options.get("host", "")), int(options.get("port", 0)))
         bus = create_bus_from_namespace(args, **kwargs)

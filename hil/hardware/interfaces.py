@@ -91,8 +91,6 @@ INTERFACES = {
         shared=True,
     ),
 }  # fmt: skip
-SHARED_BUS = "simbus_shared"
-"""The interface of 'canroll bus --share', a bus in virtual time."""
 CLASSIFIED = ("socketcan", "gs_usb")
 """Interfaces whose error frames carry the classes of linux/can/error.h."""
 
@@ -130,11 +128,8 @@ def arguments_for(
     channel: str | None,
     bitrate: int | None,
     bus_kwargs: Mapping[str, Any],
-    program: str = "node",
 ) -> dict[str, Any]:
     """Return python-can's arguments, besides the options, with which a loop can use the bus.
-
-    ``program`` is its name on a bus whose programs have names.
 
     Raises:
         CanrollError: a bit rate that the interface would silently replace.
@@ -145,8 +140,6 @@ def arguments_for(
         raise CanrollError(f"-b {bitrate}: {name} supports {rates}")
     if name == "socketcand":
         return {"tcp_tune": True}
-    if name == SHARED_BUS and "node" not in bus_kwargs:
-        return {"node": program}
     if name == "gs_usb" and not {"index", "bus", "address"} & set(bus_kwargs):
         # the command line's channel is a text, which python-can takes for no number
         if not (channel or "").isdigit():

@@ -3,22 +3,18 @@
 import argparse
 import errno
 import socket
-import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 
 import can
 import pytest
 
 from canroll.cli.hil import bus_options
-from canroll.cli.main import main, parse
-from canroll.errors import CanrollError, VerdictError
+from canroll.cli.main import main
+from canroll.errors import CanrollError
 from hil import bus_link, own_bus
 from hil.bus_link import EXTENDED
 from hil.hardware.bus_options import explain
 from hil.lockstep import GRANT as NOTE
-from plant_sim.can_bus import NetworkSpec, Segment, build_network
-from plant_sim.can_bus.servers.shared_server import SharedBus
 
 
 def options(**given):
@@ -117,42 +113,6 @@ def test_who_only_listens_finds_a_server_that_comes_back(monkeypatch):
     wait_until(heard)
     onlooker.close()
     again.close()
-
-
-@pytest.fixture
-def shared_bus():
-    """A shared bus for two programs in lock step, and their arguments to join it."""
-    network = build_network(NetworkSpec((Segment(500_000, 2_000_000),), ()))
-    bus = SharedBus(network, programs=2, port=0)
-    threading.Thread(target=bus.run, daemon=True).start()
-    words = ["-i", "simbus_shared", "-c", ":".join(map(str, bus.address))]
-    plant = parse(["plant", "double_lane_change", *words])
-    return bus, plant, parse(["ecu", "--calibration", "cal.toml", *words])
-
-
-def hear(link):
-    """Wait a few times: a busy machine may be slow to close what was shut down."""
-    for _ in range(10):
-        link.next(1.0)
-
-
-def test_programs_of_a_shared_bus_name_themselves_and_notice_its_end_at_once(shared_bus):
-    bus, *arguments = shared_bus
-    with ThreadPoolExecutor(2) as pool:
-        plant, ecu = pool.map(bus_link.open_link, arguments)
-        assert [link.bus.channel_info.split()[-1] for link in (plant, ecu)] == ["'plant'", "'ecu'"]
-        plant.send(0xA0, b"\x01")
-        waiting = pool.submit(plant.next, 1.0)
-        assert ecu.next(0.01) == (0xA0, b"\x01")
-        for program in bus._programs:
-            program.connection.shutdown(socket.SHUT_RDWR)
-        with pytest.raises(VerdictError, match=r"simbus_shared .*'plant': the bus is gone"):
-            waiting.result(60)
-            hear(plant)
-        with pytest.raises(VerdictError, match=r"simbus_shared .*'ecu': the bus is gone"):
-            hear(ecu)
-    plant.close()
-    ecu.close()
 
 
 def test_only_data_frames_count_and_no_notes_of_lock_step():

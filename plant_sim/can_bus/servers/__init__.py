@@ -2,6 +2,5 @@
 
 from typing import Final
 
-SHARED_PORT: Final = 29600
 SOCKETCAND_PORT: Final = 29536
-"""Default ports: in lock step, and by socketcand."""
+"""Default port of the server."""

@@ -1,4 +1,4 @@
-"""Frames of the simulated buses as python-can messages, and a copy of them on a python-can bus."""
+"""Frames of the simulated buses as python-can messages."""
 
 from typing import Any
 
@@ -17,9 +17,6 @@ from plant_sim.can_bus.wire.frame import (
     RECESSIVE_INDICATOR,
     REMOTE,
 )
-
-_NOBODY = -1
-"""Node of no program: every frame is received."""
 
 
 def truth(value: Any) -> bool:  # noqa: ANN401
@@ -63,40 +60,3 @@ def message_of(frame: PortFrame, channel: Any, node: int) -> can.Message:  # noq
         is_rx=frame.sender != node,
         channel=channel,
     )
-
-
-class Mirror:
-    """Forwards every frame to a python-can bus.
-
-    Attributes:
-        failed: number of frames that could not be sent.
-
-    Args:
-        where: "interface:channel".
-
-    Raises:
-        CanrollError: it cannot be opened.
-    """
-
-    def __init__(self, where: str) -> None:
-        interface, _, channel = where.partition(":")
-        if not interface or not channel:
-            raise CanrollError(f"mirror '{where}': expected INTERFACE:CHANNEL")
-        self.failed = 0
-        try:
-            self._bus = can.Bus(channel, interface=interface, fd=True)
-        except (can.CanError, OSError, ValueError, ImportError) as error:
-            raise CanrollError(f"mirror '{where}': {error}") from error
-
-    def __call__(self, frame: PortFrame) -> None:
-        """Forward a frame; frames destroyed by an error are left out."""
-        if frame.error:
-            return
-        try:
-            self._bus.send(message_of(frame, None, _NOBODY))
-        except (can.CanError, OSError):
-            self.failed += 1
-
-    def close(self) -> None:
-        """Close the bus."""
-        self._bus.shutdown()

@@ -225,18 +225,6 @@ class Hub:
         with self._lock:
             self._run_until(self._limit(duration_s), None)
 
-    def step(self, limit_ns: int) -> bool:
-        """Advance virtual time to the next end of a frame, at most to ``limit_ns``.
-
-        Returns False if no event is left and there is no limit.
-        """
-        with self._lock:
-            before = self._cursor
-            if limit_ns >= NEVER and self._stuck():
-                return False
-            self._step(limit_ns, 0)
-            return self._cursor > before or limit_ns < NEVER
-
     def node_state(self, port: HubPort) -> tuple[int, int, int]:
         """Return the port's error state, transmit and receive error counters."""
         node = self._nodes[port.node]

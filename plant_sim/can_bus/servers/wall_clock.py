@@ -1,20 +1,17 @@
 """A network in wall-clock time with a socketcand server on it."""
 
+import math
 import time
+from collections import deque
 from collections.abc import Callable
+from threading import Thread
 from typing import Any, Final
 
-import numpy as np
-
-from plant_sim.can_bus.kernel.layout import DELIVERED, MAX_PAYLOAD, NOW, REFUSED, Network
-from plant_sim.can_bus.kernel.ledger import drain
-from plant_sim.can_bus.kernel.network import Node, add_node
-from plant_sim.can_bus.kernel.queues import enqueue
-from plant_sim.can_bus.kernel.scheduler import advance, next_event_ns
+from plant_sim.can_bus.kernel.layout import Network
 from plant_sim.can_bus.servers import SOCKETCAND_PORT
+from plant_sim.can_bus.servers.hub import Hub, HubError, HubPort
 from plant_sim.can_bus.servers.socketcand import MAX_CLIENTS, SocketcandServer
 
-_PIECE_NS: Final = 100_000_000
 _IDLE_S: Final = 0.02
 
 
@@ -38,47 +35,51 @@ def serve_network(
     Returns:
         The closed server, for its counts.
     """
-    first = int(add_node(network, Node("client0", policy="priority")))
-    for place in range(1, MAX_CLIENTS):
-        add_node(network, Node(f"client{place}", policy="priority"))
-    buffer = np.zeros(MAX_PAYLOAD, np.uint8)
-    cursor = 0
     with SocketcandServer(host=host, port=port) as server:
+        hub = Hub(network)
+        clients = [hub.open_port(queue="priority") for _ in range(MAX_CLIENTS)]
+        for client in clients:
+            # the server gives each what the listener hears
+            client.entries = deque(maxlen=0)
+        listener = hub.open_port()
+        thread = Thread(target=_publish, args=(hub, listener, clients, server), daemon=True)
+        thread.start()
         announce(
             f"bus '{server.channel}' on {server.address[0]}:{server.address[1]}, Ctrl-C ends it:\n"
             f"python -m can.viewer -i socketcand -c {server.channel} --bus-kwargs"
             f" host={server.address[0]} port={server.address[1]}"
         )
-        epoch, origin = time.time(), time.monotonic_ns()
+        end = math.inf if duration_s is None else time.monotonic() + duration_s
         try:
-            while True:
-                elapsed = time.monotonic_ns() - origin
-                if duration_s is not None and elapsed > duration_s * 1e9:
-                    break
+            while time.monotonic() < end:
+                server.wait(_IDLE_S)
                 for frame in server.take():
-                    buffer[: len(frame.payload)] = np.frombuffer(frame.payload, np.uint8)
-                    when = max(elapsed, int(network.clock[NOW]))
-                    node = first + frame.client
+                    sender = clients[frame.client]
                     try:
-                        enqueue(network, node, when, frame.ident, frame.length, buffer, frame.flags)
-                    except ValueError:  # a client that makes up ever new identifiers
+                        hub.send(sender, frame.ident, frame.flags, frame.length, frame.payload)
+                    except (HubError, ValueError):
+                        # it is bus-off, its queue full, or it makes up ever new identifiers
                         server.dropped += 1
-                while int(network.clock[NOW]) < elapsed:
-                    advance(network, min(int(network.clock[NOW]) + _PIECE_NS, elapsed))
-                    entries, cursor, missed = drain(network, cursor)
-                    server.lost += missed * server.clients
-                    for entry in entries[np.isin(entries["outcome"], (DELIVERED, REFUSED))]:
-                        length = int(entry["length"])
-                        server.publish(
-                            int(entry["ident"]),
-                            int(entry["flags"]),
-                            bytes(entry["payload"][:length]),
-                            length=length,
-                            time_s=epoch + int(entry["t_received"]) * 1e-9,
-                            sender=int(entry["sender"]) - first,
-                        )
-                pause = (int(next_event_ns(network)) - elapsed) * 1e-9
-                server.wait(min(max(pause, 0.0), _IDLE_S))
         except KeyboardInterrupt:
-            announce(f"{server.lost} frames lost to slow clients, {server.refused} refused")
+            lost = server.lost + listener.lost * server.clients
+            announce(f"{lost} frames lost to slow clients, {server.refused} refused")
+        finally:
+            hub.close_port(listener)
+            thread.join()
+            hub.stop()
         return server
+
+
+def _publish(hub: Hub, listener: HubPort, clients: list[HubPort], server: SocketcandServer) -> None:
+    """Give the clients what the listener hears, until it is closed."""
+    places = {client.node: place for place, client in enumerate(clients)}
+    while (frame := hub.receive(listener, None)) is not None:
+        if not frame.error:
+            server.publish(
+                frame.ident,
+                frame.flags,
+                frame.payload,
+                length=frame.length,
+                time_s=frame.time_s,
+                sender=places.get(frame.sender, -1),
+            )

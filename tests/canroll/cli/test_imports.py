@@ -53,7 +53,7 @@ NUMBERS = {"numba", "scipy", "cvxpy", "clarabel", "matplotlib"}
                 *("cvxpy", "clarabel", "matplotlib", "jinja2", "elftools", "asammdf"),
                 *("scipy.signal", "scipy.stats", "scipy.optimize", "scipy.special"),
                 *("canroll.runs.metrics", "plant_sim.nodes", "plant_sim.world", "gain_gen.design"),
-                *("plant_sim.can_bus.servers.shared_server", "codegen.c99", "codegen.subset"),
+                *("plant_sim.can_bus.servers.socketcand", "codegen.c99", "codegen.subset"),
             },
             170,
         ),
