@@ -15,8 +15,6 @@ PAGES = sorted((ROOT / "docs").glob("*.md"))
 WRITTEN = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *PAGES]
 WRITTEN += sorted((ROOT / "docs" / "decisions").glob("*.md"))
 """All pages, those too that show no output of commands."""
-IN_PROCESS = {"commands.md"}
-"""Pages whose parts another test holds against their source, without a process for each."""
 
 
 @pytest.fixture(scope="module")
@@ -46,11 +44,7 @@ def test_readme_shows_what_its_commands_print(one_server):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "page",
-    [
-        p if p.name == "tutorial.md" else pytest.param(p, marks=pytest.mark.long)
-        for p in PAGES
-        if p.name not in IN_PROCESS
-    ],
+    [p if p.name == "tutorial.md" else pytest.param(p, marks=pytest.mark.long) for p in PAGES],
     ids=lambda p: p.name,
 )
 def test_page_shows_what_its_quick_commands_print(page, one_server):

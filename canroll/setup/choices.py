@@ -2,8 +2,7 @@
 
 :class:`Choices` are the keywords of :func:`canroll.run`. From their annotations come the options of
 every command, ``law=lqr,bus=500k`` of ``canroll compare``, what a calibration excludes,
-the settings in JSON objects and saved runs, the command line of the plant in real time, and the
-tables of docs/commands.md.
+the settings in JSON objects and saved runs, and the command line of the plant in real time.
 """
 
 from collections.abc import Mapping, Sequence
