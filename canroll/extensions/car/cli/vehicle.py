@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _tyre(args: argparse.Namespace) -> int:
-    from canroll.cli import vehicle_tyre  # noqa: PLC0415 - seconds that only a fit needs
+    from canroll.extensions.car.cli import vehicle_tyre  # noqa: PLC0415 - seconds that only a fit needs
 
     return vehicle_tyre.run(args)
 

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from canroll.cli.study_parsers import EVENT_NAMES
+from canroll.extensions.campaign.cli.options import EVENT_NAMES
 from canroll.extensions.campaign.events import EVENTS
 from canroll.extensions.campaign.plan import (
     HELPS,

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from canroll.cli import run_parsers
+from canroll.extensions.car.cli import options
 from canroll.cli.main import main
 from canroll.extensions.car.tyres.measured import AXES
 from vehicles.tyres import tir
@@ -70,6 +70,6 @@ def test_what_makes_no_tyre_is_one_line(table, arguments, message, tmp_path, cap
 
 
 def test_options_of_a_tyre_belong_to_it(capsys):
-    assert tuple(AXES) == run_parsers.AXES
+    assert tuple(AXES) == options.AXES
     assert main(["vehicle", "check", "van_real", "--axes", "sae"]) == 2
     assert "--axes: it belongs to canroll vehicle tyre" in capsys.readouterr().err
