@@ -14,7 +14,7 @@ def numbers(monkeypatch):
         EntryPoint("pi", "math:e", "canroll.numbers"),
     ]
     points = {"canroll.numbers": offered}
-    monkeypatch.setattr(registry, "entry_points", lambda group: points[group])
+    monkeypatch.setattr(registry, "entry_points", lambda group: points.get(group, []))
     return Registry("number", "canroll.numbers", {"pi": "math:pi", "broken": "no_such_module:x"})
 
 
