@@ -7,6 +7,7 @@ rooms on lower floors; rooms on the same floor do not import each other.
 """
 
 import ast
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -93,6 +94,7 @@ GROUND = tuple(
     )
 )
 """Files of ``canroll`` that all may import; the rest of it is on the highest floor."""
+BASE = "base of canroll"
 LOOP = "firmware"
 """The integer subset; its parser refuses modules that import each other."""
 PACKAGES = ("canroll", "codegen", "dbc", "firmware", "gain_gen", "hil", "plant_sim", "tools")
@@ -178,30 +180,32 @@ def circles(graph: Graph) -> list[list[str]]:
 
 
 def drawing(graph: Graph) -> str:
-    """Return the rooms as a Mermaid flowchart without arrows implied by others."""
-    found = rooms(graph)
+    """Return packages and extensions as a Mermaid flowchart without arrows implied by others."""
+    found: dict[str, set[str]] = {}
+    for room, targets in rooms(graph).items():
+        found.setdefault(_part(room), set()).update(map(_part, targets))
+    arrows = {part: frozenset(targets - {part}) for part, targets in found.items()}
     lines = ["```mermaid", "flowchart TD"]
-    for package in PACKAGES:
-        inside = [r for level in FLOORS for r in level if r.split(".")[0] == package and r in found]
-        nodes = [f'{_id(room)}["{_title(room)}"]' for room in inside]
-        if len(nodes) == 1 or package == "canroll":  # errors and interface are at the two ends
-            lines += [f"    {node}" for node in nodes]
-        else:
-            lines += [f"    subgraph in_{package}[{package}]"]
-            lines += [*(f"        {node}" for node in nodes), "    end"]
-    for room in sorted(found):
-        for target in sorted(found[room]):
-            if not any(target in _reached(found, other) for other in found[room] - {target}):
-                lines.append(f"    {_id(room)} --> {_id(target)}")
+    lines += [f'    {_id(part)}["{part}"]' for part in sorted(arrows)]
+    for part in sorted(arrows):
+        for target in sorted(arrows[part]):
+            if not any(target in _reached(arrows, other) for other in arrows[part] - {target}):
+                lines.append(f"    {_id(part)} --> {_id(target)}")
     return "\n".join([*lines, "```"])
 
 
-def _id(room: str) -> str:
-    return room.replace(".", "_")
+def _part(room: str) -> str:
+    """Return the package of a room, of ``canroll`` the room or the extension."""
+    if room in GROUND:
+        return BASE
+    within = room.partition("canroll.extensions.")[2]
+    if within:
+        return f"extension {within.partition('.')[0]}"
+    return room if room.startswith("canroll") else room.partition(".")[0]
 
 
-def _title(room: str) -> str:
-    return room if room.startswith("canroll") else room.partition(".")[2] or room
+def _id(part: str) -> str:
+    return re.sub(r"\W", "_", part)
 
 
 def _reached(found: Graph, room: str) -> set[str]:
