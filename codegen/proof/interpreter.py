@@ -7,21 +7,27 @@ records of one class are two places: nothing known of the one holds of the other
 """
 
 import ast
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import reduce
+from itertools import product
 
 from codegen.operations import intervals as iv
 from codegen.operations.intervals import KINDS, Value
 from codegen.operations.relations import RELATIONS, narrow
-from codegen.operations.table import OPERATORS
-from codegen.proof.abstract_memory import AbstractState, Element, Place, Way
-from codegen.proof.expressions import Evaluation
+from codegen.operations.table import OPERATORS, Access, Operation
 from codegen.subset.program import (
+    CONST_RECORD,
+    Constant,
     FieldReference,
     Function,
     Local,
     Parameter,
     Program,
+    Record,
     SubsetError,
+    elements,
+    is_scalar,
 )
 from codegen.subset.walk import walk
 
@@ -32,16 +38,80 @@ NESTED = UNROLLED**2
 WIDENED = 2
 """Rounds to a fixed point after which what still grows is given up."""
 
+Element = tuple[str, str, str, tuple[int, ...]]
+"""Owner, kind and name of an array as of :class:`Place`, and the indices of one element."""
 
-class Interpreter(Evaluation):
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A record, or an array, row or element in it.
+
+    ``owner`` tells records of one class apart: the entry point's parameter; ``kind`` and ``name``
+    say where its declaration is.
+    """
+
+    owner: str
+    kind: str
+    name: str = ""
+    indices: tuple[Value, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Array:
+    """What is declared of an array, field or table."""
+
+    shape: tuple[int, ...]
+    lo: int
+    hi: int
+    volatile: bool = False
+    exact: Mapping[tuple[int, ...], int] | None = None
+
+
+@dataclass(slots=True)
+class AbstractState:
+    """Locals of the current function, and elements known more closely than their declared range."""
+
+    names: dict[str, Value | Place]
+    known: dict[Element, Value] = field(default_factory=dict)
+
+    def copy(self) -> "AbstractState":
+        """Return an independent copy."""
+        return AbstractState(dict(self.names), dict(self.known))
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """An obligation not met: its location, its kind, and the range that violates it."""
+
+    path: str
+    line: int
+    what: str
+    lo: int
+    hi: int
+
+    def __str__(self) -> str:
+        return f"{self.path}:{self.line}: {self.what}: [{self.lo}, {self.hi}]"
+
+
+Way = AbstractState | None
+"""The state in which a way through a function goes on; None where it does not."""
+
+
+class Interpreter:
     """Runs functions of a program on intervals.
 
     Args:
-        program, calibration, any_calibration: as of the evaluation of expressions.
+        program: whose functions are run.
+        calibration: the numbers of the one calibration that it runs on, if it is known.
+        any_calibration: whether a calibration may lie outside its declared ranges.
         bounded: name of a module whose loops in each other are limited.
 
     Attributes:
+        seen: the interval of each syntax node over all ways to reach it.
         turns: the most rounds of each loop.
+        ways: whether each condition is ever true, ever false.
+        stored: what is stored in each field that no interrupt writes, by record and field.
+        obligations: path, line, column and kind of all that was to be shown.
     """
 
     def __init__(
@@ -52,14 +122,251 @@ class Interpreter(Evaluation):
         any_calibration: bool = False,
         bounded: str = "",
     ) -> None:
-        super().__init__(program, calibration=calibration, any_calibration=any_calibration)
+        self.program, self.refs, self.bounded = program, program.refs, bounded
+        self.seen: dict[ast.AST, Value] = {}
         self.turns: dict[ast.For, int] = {}
+        self.ways: dict[ast.expr, tuple[bool, bool]] = {}
+        self.stored: dict[tuple[str, str], Value] = {}
+        self.obligations: set[tuple[str, int, int, str]] = set()
+        self.failed: dict[tuple[str, int, str], Finding] = {}
+        self.arrays: dict[tuple[str, str], Array] = {}
+        self.function: Function = next(program.functions())
         self.returns: list[tuple[Value | None, AbstractState]] = []
-        self.bounded, self.rounds = bounded, 0
+        self.rounds = 0
+        for module in program.modules.values():
+            for record in module.records.values():
+                const = record.name == CONST_RECORD
+                for name, row in record.fields.items():
+                    loose = const and any_calibration
+                    lo, hi = KINDS[row.type.kind] if loose else (row.lo, row.hi)
+                    exact = None
+                    if const and calibration is not None:
+                        exact = {i: v for (f, i), v in calibration.items() if f == name}
+                    array = Array(row.type.shape, lo, hi, row.volatile, exact)
+                    self.arrays[record.name, name] = array
+            for constant in module.constants.values():
+                if constant.type.shape:
+                    flat = dict(elements(constant.value))
+                    lo, hi = min(flat.values()), max(flat.values())
+                    array = Array(constant.type.shape, lo, hi, exact=flat)
+                    self.arrays[f"module {module.name}", constant.name] = array
+
+    @property
+    def findings(self) -> list[Finding]:
+        """Obligations not met, by place."""
+        return sorted(self.failed.values(), key=lambda f: (f.path, f.line, f.what))
 
     def run(self, function: Function) -> Value | None:
-        """Run ``function`` with parameters of any value of their type."""
-        return self._body(function, self.memory.parameters(function), {})[0]
+        """Run ``function`` with parameters of any value of their type; no two overlap."""
+        names: dict[str, Value | Place] = {}
+        for name, kind in function.parameters.items():
+            if kind.record:
+                names[name] = Place(f"{kind.record} {name}", kind.record)
+            elif kind.shape:
+                owner = f"parameter {function.module}.{function.name}"
+                self.arrays[owner, name] = Array(kind.shape, *KINDS[kind.kind])
+                names[name] = Place(owner, owner, name)
+            else:
+                names[name] = Value(*KINDS[kind.kind])
+        return self._body(function, names, {})[0]
+
+    # obligations
+
+    def _oblige(self, node: ast.AST, met: bool, what: str, value: Value) -> None:
+        path = str(self.program.modules[self.function.module].path)
+        line = getattr(node, "lineno", 0)
+        self.obligations.add((path, line, getattr(node, "col_offset", 0), what))
+        if not met:
+            before = self.failed.get((path, line, what))
+            worst = value if before is None else iv.hull(value, Value(before.lo, before.hi))
+            self.failed[path, line, what] = Finding(path, line, what, worst.lo, worst.hi)
+
+    def _record(self, node: ast.AST, value: Value) -> None:
+        before = self.seen.get(node)
+        if before is None or not value.within(before.lo, before.hi):
+            self.seen[node] = value if before is None else iv.hull(before, value)
+
+    def _stored(self, node: ast.AST, value: Value, lo: int, hi: int, what: str) -> Value:
+        self._record(node, value)
+        self._oblige(node, value.within(lo, hi), f"does not fit {what}", value)
+        return value.limited(lo, hi)
+
+    # places
+
+    def _place(self, node: ast.expr, state: AbstractState) -> Place:
+        if isinstance(node, ast.Subscript):
+            base = self._place(node.value, state)
+            index = self.value(node.slice, state)
+            size = self.arrays[base.kind, base.name].shape[len(base.indices)]
+            self._oblige(node, index.within(0, size - 1), f"index of {size} elements", index)
+            indices = (*base.indices, index.limited(0, size - 1))
+            return Place(base.owner, base.kind, base.name, indices)
+        match self.refs[node]:
+            case Constant(module=module, name=name):
+                return Place(f"module {module}", f"module {module}", name)
+            case FieldReference(owner=owner, field=row):
+                record = state.names[owner]
+                assert isinstance(record, Place)
+                return Place(record.owner, record.kind, row.name)
+        assert isinstance(node, ast.Name)
+        place = state.names[node.id]
+        assert isinstance(place, Place)
+        return place
+
+    def _elements(self, place: Place) -> list[Element]:
+        """The elements that a place may be."""
+        ranges = [range(index.lo, index.hi + 1) for index in place.indices]
+        return [(place.owner, place.kind, place.name, each) for each in product(*ranges)]
+
+    def _element(self, element: Element, state: AbstractState) -> Value:
+        """What an element may hold."""
+        if (known := state.known.get(element)) is not None:
+            return known
+        _, kind, name, indices = element
+        array = self.arrays[kind, name]
+        if array.exact is not None:
+            return Value(array.exact[indices], array.exact[indices])
+        return Value(array.lo, array.hi)
+
+    def _store(self, node: ast.stmt, target: ast.expr, value: Value, state: AbstractState) -> None:
+        ref = self.refs[target]
+        if isinstance(ref, Local):
+            state.names[ref.name] = self._stored(node, value, *KINDS[ref.kind], ref.kind)
+            return
+        place = self._place(target, state)
+        array = self.arrays[place.kind, place.name]
+        label = f"{place.name} is declared in [{array.lo}, {array.hi}]"
+        value = self._stored(node, value, array.lo, array.hi, label)
+        if array.volatile:
+            return
+        self._note(place.kind, place.name, value)
+        targets = self._elements(place)
+        for each in targets:
+            # one of several elements may change
+            before = value if len(targets) == 1 else self._element(each, state)
+            state.known[each] = iv.hull(before, value)
+
+    def _note(self, record: str, field: str, value: Value) -> None:
+        before = self.stored.get((record, field), value)
+        self.stored[record, field] = iv.hull(before, value)
+
+    def _joined(self, a: Way, b: Way) -> Way:
+        """The state in which either way goes on."""
+        if a is None or b is None:
+            return a or b
+        names: dict[str, Value | Place] = {}
+        for name, one in a.names.items():
+            other = b.names.get(name)
+            if isinstance(one, Value) and isinstance(other, Value):
+                names[name] = one if one is other else iv.hull(one, other)
+            elif other is not None:
+                names[name] = one
+        known = dict(a.known)
+        for element, value in b.known.items():
+            before = known.get(element)
+            if before is not value:
+                before = self._element(element, a) if before is None else before
+                known[element] = iv.hull(before, value)
+        for element, value in a.known.items():
+            if element not in b.known:
+                known[element] = iv.hull(value, self._element(element, b))
+        return AbstractState(names, known)
+
+    # expressions
+
+    def value(self, node: ast.expr, state: AbstractState) -> Value:
+        """The interval of an expression in ``state``; calls in it change ``state``."""
+        result = self._value(node, state)
+        self._record(node, result)
+        return result
+
+    def _value(self, node: ast.expr, state: AbstractState) -> Value:
+        match node:
+            case ast.Constant(value=int(number)):
+                return Value(number, number)
+            case ast.UnaryOp():
+                return self._checked(node, iv.negate(self.value(node.operand, state)))
+            case ast.BinOp():
+                sides = [self.value(node.left, state), self.value(node.right, state)]
+                return self._operate(node, OPERATORS[type(node.op)], sides)
+            case ast.Call():
+                return self._call(node, state)
+        match self.refs[node]:
+            case Constant(value=int(number)):
+                return Value(number, number)
+            case Local(name=name):
+                local = state.names[name]
+                assert isinstance(local, Value)
+                return local
+        places = self._elements(self._place(node, state))
+        return reduce(iv.hull, (self._element(each, state) for each in places))
+
+    def _call(self, node: ast.Call, state: AbstractState) -> Value:
+        match self.refs[node]:
+            case Access() as access:
+                return self._access(node, access, state)
+            case Operation() as operation:
+                return self._operate(node, operation, [self.value(a, state) for a in node.args])
+            case Function() as function:
+                names = self._arguments(node, function, state)
+                result, state.known = self._body(function, names, state.known)
+                return Value(*KINDS[function.result or "i32"]) if result is None else result
+        raise AssertionError(ast.unparse(node))
+
+    def _arguments(
+        self, node: ast.Call, function: Function, state: AbstractState
+    ) -> dict[str, Value | Place]:
+        names: dict[str, Value | Place] = {}
+        for argument, (name, kind) in zip(node.args, function.parameters.items(), strict=True):
+            if is_scalar(kind):
+                given = self.value(argument, state)
+                names[name] = self._stored(argument, given, *KINDS[kind.kind], kind.kind)
+            else:
+                names[name] = self._place(argument, state)
+        return names
+
+    def _checked(self, node: ast.AST, value: Value) -> Value:
+        self._oblige(node, value.within(*KINDS["i64"]), "overflows 64 bits", value)
+        self._record(node, value)
+        return value.limited(*KINDS["i64"])
+
+    def _operate(self, node: ast.AST, operation: Operation, operands: Sequence[Value]) -> Value:
+        for met, what, shown in operation.obligations(*operands):
+            self._oblige(node, met, what, shown)
+        result = operation.interval(*operands)
+        return self._checked(node, result) if operation.overflows else result
+
+    def _access(self, node: ast.Call, access: Access, state: AbstractState) -> Value:
+        """A record read or written as memory: an element read is any value of its kind."""
+        place = self._place(node.args[0], state)
+        record = self.program.record(place.kind)
+        if access.effect == "clear":
+            return self._clear(node, place, record, state)
+        if access.effect == "size":
+            return Value(record.size, record.size)
+        size = record.size // (4 if access.element == "i32" else 1)
+        index = self.value(node.args[1], state)
+        self._oblige(node, index.within(0, size - 1), f"index of {size} elements", index)
+        if access.effect == "read":
+            return Value(*KINDS[access.element])
+        value = self.value(node.args[2], state)
+        self._stored(node, value, *KINDS[access.element], access.element)
+        # part of a calibration that the loop does not run on: forget what was known of it
+        state.known = {e: v for e, v in state.known.items() if e[0] != place.owner}
+        return Value(0, 0)
+
+    def _clear(self, node: ast.Call, place: Place, record: Record, state: AbstractState) -> Value:
+        """Set every element of a record to zero, or to the declared number next to it."""
+        zero = Value(0, 0)
+        for name, row in record.fields.items():
+            array = self.arrays[record.name, name]
+            self._oblige(node, row.lo <= 0 <= row.hi, f"{name} can't be zero", zero)
+            if not array.volatile:
+                self._note(record.name, name, zero.limited(array.lo, array.hi))
+                for indices in product(*map(range, row.type.shape)):
+                    element = (place.owner, place.kind, name, indices)
+                    state.known[element] = zero.limited(array.lo, array.hi)
+        return zero
 
     # calls
 
@@ -90,7 +397,7 @@ class Interpreter(Evaluation):
             state.names = {}
             if value is not None:
                 result = value if result is None else iv.hull(result, value)
-            end = self.memory.joined(end, state)
+            end = self._joined(end, state)
         return result, known if end is None else end.known
 
     def _outcomes(
@@ -121,6 +428,12 @@ class Interpreter(Evaluation):
 
     def branch(self, test: ast.expr, state: AbstractState) -> tuple[Way, Way]:
         """States in which ``test`` holds and in which it does not; None where impossible."""
+        yes, no = self._branch(test, state)
+        ever_yes, ever_no = self.ways.get(test, (False, False))
+        self.ways[test] = ever_yes or yes is not None, ever_no or no is not None
+        return yes, no
+
+    def _branch(self, test: ast.expr, state: AbstractState) -> tuple[Way, Way]:
         match test:
             case ast.UnaryOp():
                 return self.branch(test.operand, state)[::-1]
@@ -133,7 +446,7 @@ class Interpreter(Evaluation):
                         break
                     yes, no = self.branch(part, current)
                     out, current = (no, yes) if both else (yes, no)
-                    left = self.memory.joined(left, out)
+                    left = self._joined(left, out)
                 return (current, left) if both else (left, current)
         assert isinstance(test, ast.Compare)
         op, other = type(test.ops[0]), test.comparators[0]
@@ -144,7 +457,7 @@ class Interpreter(Evaluation):
                 limit = self.value(other, after)
                 for i, each in enumerate(each_way):
                     if narrow(each, value, limit) is not None:
-                        ways[i] = self.memory.joined(ways[i], after) if ways[i] else after.copy()
+                        ways[i] = self._joined(ways[i], after) if ways[i] else after.copy()
             return ways[0], ways[1]
         a, b = self.value(test.left, state), self.value(other, state)
         yes, no = (self._narrowed(test, each, a, b, state) for each in each_way)
@@ -167,7 +480,10 @@ class Interpreter(Evaluation):
         if isinstance(ref, Local) and isinstance(node, ast.Name):
             state.names[ref.name] = value
         elif isinstance(ref, FieldReference | Parameter) and not stale:
-            self.memory.learn(self._place(node, state), value, state)
+            place = self._place(node, state)
+            array, targets = self.arrays[place.kind, place.name], self._elements(place)
+            if len(targets) == 1 and not array.volatile and array.exact is None:
+                state.known[targets[0]] = value
 
     # statements
 
@@ -195,7 +511,7 @@ class Interpreter(Evaluation):
         end: Way = None
         for value, after in self._outcomes(statement.value, state):
             self._store(statement, statement.target, value, after)
-            end = self.memory.joined(end, self._statement(following, after))
+            end = self._joined(end, self._statement(following, after))
         return end
 
     def _statement(self, node: ast.stmt, state: AbstractState) -> Way:
@@ -210,7 +526,7 @@ class Interpreter(Evaluation):
                 self._store(node, node.target, after, state)
             case ast.If():
                 yes, no = self.branch(node.test, state)
-                return self.memory.joined(self._block(node.body, yes), self._block(node.orelse, no))
+                return self._joined(self._block(node.body, yes), self._block(node.orelse, no))
             case ast.For():
                 return self._loop(node, state)
             case ast.Return():
@@ -271,7 +587,7 @@ class Interpreter(Evaluation):
             certain = k < stop.lo if trips.step > 0 else k > stop.hi
             skipped = None if certain else state.copy()
             state.names[name] = Value(k, k)
-            state = self.memory.joined(skipped, self._block(node.body, state))
+            state = self._joined(skipped, self._block(node.body, state))
         if state is not None:
             state.names.pop(name, None)
         return state
@@ -285,10 +601,10 @@ class Interpreter(Evaluation):
             if after is None:
                 return entry
             after.names.pop(name, None)
-            merged = self.memory.joined(entry, after)
+            merged = self._joined(entry, after)
             assert merged is not None
             grown = [n for n, v in merged.names.items() if v != entry.names.get(n)]
-            changed = [e for e, v in merged.known.items() if v != self.memory.element(e, entry)]
+            changed = [e for e, v in merged.known.items() if v != self._element(e, entry)]
             if not grown and not changed:
                 return merged
             if attempt >= WIDENED:

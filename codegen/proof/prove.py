@@ -14,8 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from codegen.operations.intervals import Value, hull
-from codegen.proof.expressions import Finding
-from codegen.proof.interpreter import Interpreter
+from codegen.proof.interpreter import Finding, Interpreter
 from codegen.subset.parse import load
 from codegen.subset.program import Function, Program
 

@@ -11,7 +11,6 @@ from functools import partial
 from typing import Any
 
 from codegen.operations.table import Operation
-from codegen.proof.abstract_memory import AbstractState
 from codegen.proof.interpreter import Interpreter
 from codegen.proof.prove import entry_points
 from codegen.specialise import fold
@@ -24,26 +23,9 @@ Ways = Mapping[ast.expr, tuple[bool, bool]]
 """By a condition's node: whether it is ever true, ever false."""
 
 
-class Reached(Interpreter):
-    """Runs a program and notes which way its conditions go."""
-
-    def __init__(self, program: Program) -> None:
-        super().__init__(program)
-        self.ways: dict[ast.expr, tuple[bool, bool]] = {}
-
-    def branch(
-        self, test: ast.expr, state: AbstractState
-    ) -> tuple[AbstractState | None, AbstractState | None]:
-        """As of the interpreter."""
-        yes, no = super().branch(test, state)
-        ever_yes, ever_no = self.ways.get(test, (False, False))
-        self.ways[test] = (ever_yes or yes is not None, ever_no or no is not None)
-        return yes, no
-
-
 def cut(program: Program, module: str) -> list[ast.FunctionDef]:
     """The functions of ``module`` that are called, without the branches that are never taken."""
-    run = Reached(program)
+    run = Interpreter(program)
     for function in entry_points(program):
         run.run(function)
     functions = {
@@ -66,7 +48,7 @@ def needed(functions: Mapping[str, ast.FunctionDef], entries: Iterable[str]) -> 
     return found
 
 
-def _without(node: ast.FunctionDef, run: Reached, program: Program) -> ast.FunctionDef:
+def _without(node: ast.FunctionDef, run: Interpreter, program: Program) -> ast.FunctionDef:
     body = statements(node)
     doc = node.body[: len(node.body) - len(body)]
     seen = Seen(run)

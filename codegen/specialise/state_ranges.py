@@ -7,53 +7,25 @@ calibration leaves of each: the hull of all that is stored. The next run starts 
 import ast
 from collections.abc import Mapping
 
-from codegen.operations import intervals as iv
 from codegen.operations.intervals import KINDS, Value
-from codegen.proof.abstract_memory import AbstractState
 from codegen.proof.interpreter import Interpreter
 from codegen.proof.prove import entry_points
 from codegen.specialise import fold
 from codegen.specialise.places import STATE_RECORD
-from codegen.subset.program import FieldReference, Program, Record
+from codegen.subset.program import Program
 from codegen.subset.walk import walk
-
-
-class Stores(Interpreter):
-    """Runs a program and notes what it stores in each field of the state."""
-
-    def __init__(self, program: Program) -> None:
-        super().__init__(program)
-        self.stored: dict[str, Value] = {}
-
-    def _store(self, node: ast.stmt, target: ast.expr, value: Value, state: AbstractState) -> None:
-        super()._store(node, target, value, state)
-        ref = self.refs[target]
-        if isinstance(ref, FieldReference):
-            self.note(ref.record, ref.field.name, value)
-
-    def _clear(self, node: ast.Call, record: Record, state: AbstractState) -> Value:
-        zero = super()._clear(node, record, state)
-        for name in record.fields:
-            self.note(record.name, name, zero)
-        return zero
-
-    def note(self, record: str, field: str, value: Value) -> None:
-        """Add ``value`` to what is stored in a field of the state."""
-        if record == STATE_RECORD:
-            before = self.stored.get(field)
-            self.stored[field] = value if before is None else iv.hull(before, value)
 
 
 def stored(program: Program) -> dict[str, Value]:
     """What is stored in each field of the state that no interrupt writes."""
-    run = Stores(program)
+    run = Interpreter(program)
     for function in entry_points(program):
         run.run(function)
     fields = program.record(STATE_RECORD).fields
     return {
         name: _in_size(value.limited(its.lo, its.hi), its.type.kind)
         for name, its in fields.items()
-        if not its.volatile and (value := run.stored.get(name)) is not None
+        if not its.volatile and (value := run.stored.get((STATE_RECORD, name))) is not None
     }
 
 
