@@ -40,33 +40,6 @@ def si_plant(model: RollModel, output: Matrix) -> CertifiedPlant:
     )
 
 
-def delay_blocks(
-    plant: CertifiedPlant,
-    *,
-    w: Matrix,
-    x: Matrix,
-    y: float,
-    q: Matrix,
-    gamma_squared: float,
-    delay: float,
-    epsilon: float,
-) -> tuple[Matrix, Matrix]:
-    """Return both blocks of the corrected delay theorem with W = K C1 X."""
-    closed = plant.a @ x + plant.b @ w
-    zero = np.zeros
-    first = np.block(
-        [
-            [closed + closed.T, plant.bw, -plant.b * y, closed.T, x @ plant.c.T],
-            [plant.bw.T, -gamma_squared * np.eye(3), zero((3, 1)), plant.bw.T, zero((3, 1))],
-            [-plant.b.T * y, zero((1, 3)), np.array([[-y / delay]]), -plant.b.T * y, zero((1, 1))],
-            [closed, plant.bw, -plant.b * y, -q / delay, zero((2, 1))],
-            [plant.c @ x, zero((1, 3)), zero((1, 1)), zero((1, 2)), -np.eye(1)],
-        ]
-    )
-    second = np.block([[-2.0 * epsilon * x + epsilon**2 * q, w.T], [w, np.array([[-y]])]])
-    return first, second
-
-
 def bounded_real_block(
     plant: CertifiedPlant, *, w: Matrix, x: Matrix, gamma_squared: float
 ) -> Matrix:

@@ -19,7 +19,6 @@ import numpy as np
 from gain_gen.analysis.certificates import (
     CertifiedPlant,
     bounded_real_block,
-    delay_blocks,
     discrete_block,
     event_block,
 )
@@ -113,16 +112,11 @@ def minimise(
 
 
 class StaticPoint(NamedTuple):
-    """Static output feedback: certified level, K on the normalised roll rate, X (2, 2).
-
-    ``y`` and ``q`` (2, 2) are those of the delay theorem.
-    """
+    """Static output feedback: certified level, K on the normalised roll rate, X (2, 2)."""
 
     gamma_squared: float
     gain: float
     x: Matrix
-    y: float = 0.0
-    q: Matrix = np.zeros((2, 2))
 
 
 class EventPoint(NamedTuple):
@@ -155,49 +149,6 @@ class LevelPoint(NamedTuple):
     weight: float
 
 
-STATIC: Mapping[str, Unknown] = {
-    "gamma_squared": NONNEG,
-    "x11": SCALAR,
-    "x22": NONNEG,
-    "n": SCALAR,
-}
-"""X with X12 = −ρ X22 and W = n [−ρ, 1], so that W = K C1 X with K = n / X22 exactly."""
-
-
-def _structured(rho: float, x11: float, x22: float, n: float) -> tuple[Matrix, Matrix]:
-    """Return X and W."""
-    return np.array([[x11, -rho * x22], [-rho * x22, x22]]), n * np.array([[-rho, 1.0]])
-
-
-def _static(
-    rho: float,
-    gamma_squared: float,
-    x11: float,
-    x22: float,
-    n: float,
-    **of_delay: Any,  # noqa: ANN401
-) -> StaticPoint:
-    return StaticPoint(gamma_squared, n / x22, _structured(rho, x11, x22, n)[0], **of_delay)
-
-
-def delay_point(
-    plant: CertifiedPlant, rho: float, epsilon: float, delay: float, clock: Clock
-) -> StaticPoint | None:
-    """Return the optimum of Redondo 2021, (44)–(45), corrected, at ρ, ε and a delay, or None.
-
-    Block (4,5) is −Y B'; L and S decouple and are dropped; the second inequality is made symmetric
-    with a scanned ε: −2 ε X + ε² Q bounds −X Q⁻¹ X from above for every ε.
-    """
-
-    def forms(gamma_squared: float, y: float, q: Matrix, **entries: float) -> Sequence[Matrix]:
-        x, w = _structured(rho, **entries)
-        at = {"gamma_squared": gamma_squared, "delay": delay, "epsilon": epsilon}
-        return *delay_blocks(plant, w=w, x=x, y=y, q=q, **at), -x, -q
-
-    found = minimise(forms, {**STATIC, "y": NONNEG, "q": 2}, clock)
-    return None if found is None else _static(rho, **found)
-
-
 def bounded_point(
     plant: CertifiedPlant, rho: float, fastest: float, clock: Clock
 ) -> StaticPoint | None:
@@ -206,14 +157,22 @@ def bounded_point(
     Without that, inf γ is approached only as the gain goes to infinity: He(A X + B W) + 2 α X > 0.
     """
 
+    def structured(x11: float, x22: float, n: float) -> tuple[Matrix, Matrix]:
+        """X with X12 = −ρ X22, so that W = K C1 X with K = n / X22 exactly."""
+        return np.array([[x11, -rho * x22], [-rho * x22, x22]]), n * np.array([[-rho, 1.0]])
+
     def forms(gamma_squared: float, **entries: float) -> Sequence[Matrix]:
-        x, w = _structured(rho, **entries)
+        x, w = structured(**entries)
         closed = plant.a @ x + plant.b @ w
         block = bounded_real_block(plant, w=w, x=x, gamma_squared=gamma_squared)
         return block, -(closed + closed.T + 2.0 * fastest * x), -x
 
-    found = minimise(forms, STATIC, clock)
-    return None if found is None else _static(rho, **found)
+    unknowns = {"gamma_squared": NONNEG, "x11": SCALAR, "x22": NONNEG, "n": SCALAR}
+    found = minimise(forms, unknowns, clock)
+    if found is None:
+        return None
+    gamma_squared = found.pop("gamma_squared")
+    return StaticPoint(gamma_squared, found["n"] / found["x22"], structured(**found)[0])
 
 
 def event_point(
