@@ -20,6 +20,7 @@ from gain_gen.analysis.held_plant import (
     command_response,
     held,
     opened,
+    padded,
 )
 from gain_gen.analysis.margins import (
     Margins,
@@ -163,9 +164,7 @@ class Member:
             plant = held(self.plant.a, self.plant.command, tick=controller.tick, delay=pure)
         fixed = at_speed(controller, self.condition.speed)
         a, b, c = opened(plant, fixed, self.plant.measured)
-        disturbance = np.zeros((len(a), 1))
-        disturbance[: len(plant.phi)] = self._held_disturbance
-        return SampledLoop(a, b, c, disturbance, plant.tick)
+        return SampledLoop(a, b, c, padded(self._held_disturbance.T, len(a)).T, plant.tick)
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,19 +32,18 @@ class HeldPlant:
     steps: int
     tick: float
 
-    def delayed(self) -> tuple[Matrix, Matrix]:
-        """Return A, B with the commands under way as states after the plant's, the oldest first."""
+    def delayed(self, past: int = 0) -> tuple[Matrix, Matrix]:
+        """Return A, B with the commands under way as states after the plant's, the oldest first.
+
+        ``past`` commands, where these are more than are under way.
+        """
         n, m = self.fresh.shape
-        size = n + self.steps * m
-        a, b = np.zeros((size, size)), np.zeros((size, m))
-        a[:n, :n] = self.phi
-        newer = b[:n] if self.steps < 2 else a[:n, n + m : n + 2 * m]
-        newer[:] = self.fresh
-        if self.steps:
-            a[:n, n : n + m] = self.stale
-            a[n : size - m, n + m :] = np.eye(size - n - m)
-            b[size - m :] = np.eye(m)
-        return a, b
+        line = m * max(past, self.steps)
+        joint = np.zeros((n + line, n + line + m))
+        joint[:n, :n], joint[n:, n + m :] = self.phi, np.eye(line)
+        for column, age in ((self.fresh, max(self.steps - 1, 0)), (self.stale, self.steps)):
+            joint[:n, n + line - m * age :][:, :m] += column
+        return joint[:, : n + line], joint[:, n + line :]
 
 
 def held(a: Matrix, command: Matrix, *, tick: float, delay: float) -> HeldPlant:
@@ -65,7 +64,7 @@ def held(a: Matrix, command: Matrix, *, tick: float, delay: float) -> HeldPlant:
 
 
 def opened(
-    plant: HeldPlant, controller: Controller, measured: Matrix
+    plant: HeldPlant, controller: Controller, measured: Matrix, *, summed: bool = True
 ) -> tuple[Matrix, Matrix, Matrix]:
     """Return A, B, C of plant, delay line and controller, cut where the command leaves the ECU.
 
@@ -77,16 +76,18 @@ def opened(
         plant: at the controller's tick.
         controller: as the ECU runs it.
         measured: its inputs as rows on the plant's state, in its order, (4, n).
+        summed: whether a compensator's two outputs are one command, their sum.
     """
-    ac, bc, cc, dc = matrices(controller)
+    ac, bc, cc, dc = matrices(controller, summed=summed)
     line, entry = plant.delayed()
-    n, m = len(line), len(ac)
-    a, b, c = np.zeros((n + m, n + m)), np.zeros((n + m, 1)), np.zeros((1, n + m))
-    seen = np.hstack([measured, np.zeros((len(measured), n - len(plant.phi)))])
-    a[:n, :n], b[:n] = line, entry
-    a[n:, :n], a[n:, n:] = bc @ seen, ac
-    c[:, :n], c[:, n:] = dc @ seen, cc
-    return a, b, c
+    seen = padded(measured, len(line))
+    a = np.block([[line, np.zeros((len(line), len(ac)))], [bc @ seen, ac]])
+    return a, padded(entry.T, len(a)).T, np.hstack([dc @ seen, cc])
+
+
+def padded(rows: Matrix, width: int) -> Matrix:
+    """Return rows on the first states of a loop as rows on all ``width`` of them."""
+    return np.pad(rows, ((0, 0), (0, width - rows.shape[1])))
 
 
 def aliased(

@@ -20,7 +20,7 @@ from scipy.linalg import eigh
 
 from gain_gen.analysis.actuated_car import ActuatedCar
 from gain_gen.analysis.family import Member
-from gain_gen.analysis.held_plant import HeldPlant, held
+from gain_gen.analysis.held_plant import HeldPlant, held, padded
 from gain_gen.models.controller import Y_RATE
 from gain_gen.models.roll import Matrix, stationary_covariance, zero_order_hold
 
@@ -71,10 +71,8 @@ def switched_loop(member: Member, gain: float, delays: Matrix, tick: float) -> S
     ]
     disturbance = zero_order_hold(car.a, car.disturbance, tick)[1]
     past, n = max(plant.steps for plant in plants), len(car.a)
-    sent = np.zeros((1, n + past))
-    sent[0, :n] = gain * car.measured[Y_RATE]
-    roll = np.zeros((1, n + past))
-    roll[0, :n] = member.roll
+    sent = padded(gain * car.measured[[Y_RATE]], n + past)
+    roll = padded(member.roll[None, :], n + past)
     pairs = [_closed(plant, sent, disturbance, past) for plant in plants]
     # states of size one: by what a white moment and a white error bring about
     sizes = _sizes(*pairs[-1])
@@ -94,23 +92,9 @@ def switched_loop(member: Member, gain: float, delays: Matrix, tick: float) -> S
 def _closed(
     plant: HeldPlant, sent: Matrix, disturbance: Matrix, past: int
 ) -> tuple[Matrix, Matrix]:
-    """Return A, B with the last ``past`` commands as states, newest first."""
-    n = len(plant.phi)
-    a, b = np.zeros((n + past, n + past)), np.zeros((n + past, 2))
-    a[:n, :n], b[:n, :1] = plant.phi, disturbance
-    now = np.zeros(n + past)
-    for column, age in ((plant.fresh, plant.steps - 1), (plant.stale, plant.steps)):
-        if age <= 0:  # the command of this very tick
-            a[:n] += column @ sent
-            b[:n, 1:] += column
-        else:
-            now[:] = 0.0
-            now[n + age - 1] = 1.0
-            a[:n] += np.outer(column, now)
-    if past:
-        a[n], b[n, 1] = sent[0], 1.0
-        a[n + 1 :, n : n + past - 1] = np.eye(past - 1)
-    return a, b
+    """Return A, B with the last ``past`` commands as states, the oldest first."""
+    line, entry = plant.delayed(past)
+    return line + entry @ sent, np.hstack([padded(disturbance.T, len(line)).T, entry])
 
 
 def _curvature(plant: HeldPlant, car: ActuatedCar, sent: Matrix, past: int) -> Matrix:

@@ -153,15 +153,6 @@ def largest_delay_from(
     return below
 
 
-def largest_sampled_delay(
-    build: Callable[[float], SampledLoop], tick: float, *, limit: float
-) -> float:
-    """Return the smallest delay at which the sampled loop from ``build`` is unstable, s."""
-    return largest_delay_from(
-        0.0, lambda seconds: spectral_radius(build(seconds)) < 1.0, tick, limit=limit
-    )
-
-
 def jitter_level(
     frequencies: Matrix, gain: Complex, aliased: Matrix, *, tick: float, jitter: float
 ) -> float:

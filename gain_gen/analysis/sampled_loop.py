@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gain_gen.analysis.held_plant import held, opened
+from gain_gen.analysis.held_plant import held, opened, padded
 from gain_gen.models.controller import Controller
 from gain_gen.models.observer import LateralModel
 from gain_gen.models.roll import (
@@ -101,10 +101,9 @@ def build(
     measured[3, MOMENT] = 1.0
     plant = held(a, command, tick=tick, delay=delay)
     loop, b, c = opened(plant, controller, measured)
-    disturbance = np.zeros((len(loop), 1))
     # white noise over a tick acts almost as its mean held: a_y moves slowly against the tick
-    disturbance[: len(a)] = zero_order_hold(a, noise, tick)[1] / np.sqrt(tick)
-    return SampledLoop(loop, b, c, disturbance, tick, apart=(LATERAL, JERK))
+    driven = zero_order_hold(a, noise, tick)[1] / np.sqrt(tick)
+    return SampledLoop(loop, b, c, padded(driven.T, len(loop)).T, tick, apart=(LATERAL, JERK))
 
 
 def spectral_radius(loop: SampledLoop) -> float:
@@ -144,6 +143,5 @@ def response_peak(loop: SampledLoop, row: Matrix) -> float:
     if spectral_radius(loop) >= 1.0:
         return float("inf")
     z = np.exp(1j * np.geomspace(1e-2, 0.98 * np.pi / loop.tick, 400) * loop.tick)
-    wide = np.concatenate([row, np.zeros(len(loop.a) - len(row))])
-    rows = resolvent_rows(loop.closed, wide[None, :], z)
+    rows = resolvent_rows(loop.closed, padded(row[None, :], len(loop.a)), z)
     return float(np.abs(rows @ loop.noise).max())

@@ -6,12 +6,12 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from canroll.errors import CanrollError, VerdictError
-from gain_gen.analysis.held_plant import HeldPlant
+from gain_gen.analysis.held_plant import HeldPlant, opened, padded
 from gain_gen.laws.compensator import scaled_states
 from gain_gen.laws.declared import law
 from gain_gen.laws.state_feedback import observer_of
 from gain_gen.laws.state_gains import riccati_gain
-from gain_gen.models.controller import Compensator, Controller, matrices
+from gain_gen.models.controller import Compensator, Controller
 from gain_gen.models.full_car import (
     CURRENTS,
     INPUT_WEIGHT,
@@ -104,14 +104,11 @@ def closed_loop(car: SampledCar, controller: Controller, delay: float) -> tuple[
     The delay is rounded up to whole ticks, so it is never less than the real one.
     """
     steps = max(0, int(np.ceil(delay / controller.tick - 1e-9)))
-    ac, bc, cc, dc = matrices(controller, summed=False)
     nothing = np.zeros_like(car.gamma)
     columns = (nothing, car.gamma) if steps else (car.gamma, nothing)
-    line, entry = HeldPlant(car.phi, *columns, steps, controller.tick).delayed()
-    seen = np.hstack([car.outputs, np.zeros((len(car.outputs), len(line) - len(car.phi)))])
-    entry = entry / MILLI
-    a = np.block([[line + entry @ dc @ seen, entry @ cc], [bc @ seen, ac]])
-    return a, np.vstack([car.noise, np.zeros((len(a) - len(car.phi), 1))])
+    plant = HeldPlant(car.phi, *columns, steps, controller.tick)
+    a, b, c = opened(plant, controller, car.outputs, summed=False)
+    return a + b @ c / MILLI, padded(car.noise.T, len(a)).T
 
 
 def rolling(a: Matrix, noise: Matrix, row: Matrix) -> float:
@@ -119,8 +116,8 @@ def rolling(a: Matrix, noise: Matrix, row: Matrix) -> float:
     if np.abs(np.linalg.eigvals(a)).max() >= 1.0:
         return float("inf")
     covariance = stationary_covariance(a, noise @ noise.T)
-    wide = np.concatenate([row, np.zeros(len(a) - len(row))])
-    return float(np.sqrt(wide @ covariance @ wide))
+    n = len(row)
+    return float(np.sqrt(row @ covariance[:n, :n] @ row))
 
 
 @law(feedforward="none")
