@@ -4,6 +4,7 @@ All residuals are moments in N·m, that of heave a force in N: the lateral accel
 m h, a roll rate by the roll damping.
 """
 
+from dataclasses import replace
 from functools import partial
 from math import inf, pi, sin
 
@@ -102,17 +103,20 @@ class Builder:
         self.axle_time = geometry.wheelbase / SLOWEST
         self.on_road = min(lifting(car)) / (1.0 + box.height)
 
-    def part(
+    def term(
         self,
         name: str,
         kind: str,
         gains: dict[str, float],
+        sign: int,
+        weight: float = 0.0,
+        *,
         washout: float = 0.0,
         low_pass: float | None = None,
-    ) -> str:
-        """Add a part, by default with the car's low-pass; return its name."""
+    ) -> Term:
+        """Add a part, by default with the car's low-pass; return it as a term."""
         self.parts[name] = ResidualPart(name, kind, gains, washout, low_pass or self.low_pass)
-        return name
+        return Term(name, sign, weight)
 
     def residual(
         self,
@@ -152,53 +156,19 @@ class Builder:
         side = deviation(lambda f: f.mass * f.height, box, ("mass", "height"))
         j = effective_inertia(car, NOMINAL) / self.low_pass
         lost = late(box, self.tick, SLOW)
-        steps = self.part(
-            "steps of the springs", STEP, gains=self.strokes(springs, lost), low_pass=MEAN
-        )
+        steps = "steps of the springs"
+        self.term(steps, STEP, self.strokes(springs, lost), 0, low_pass=MEAN)
+        delivered = {"moment_front": 1.0, "moment_rear": 1.0}
         limit = off_stops(car, box)
         for name, washout in (("slow", SLOW), ("fast", FAST)):
+            term = partial(self.term, washout=washout)
             terms = [
-                Term(
-                    self.part(
-                        f"momentum, {name}", DERIVATIVE, gains={"roll_rate": j}, washout=washout
-                    ),
-                    1,
-                    inertia,
-                ),
-                Term(
-                    self.part(
-                        f"springs, {name}", INTEGRAL, gains=self.strokes(springs), washout=washout
-                    ),
-                    1,
-                    box.stiffness,
-                ),
-                Term(
-                    self.part(
-                        f"dampers, {name}", DIRECT, gains=self.strokes(car.dampers), washout=washout
-                    ),
-                    1,
-                    box.damping,
-                ),
-                Term(
-                    self.part(f"side, {name}", DIRECT, gains={"lateral": car.arm}, washout=washout),
-                    -1,
-                    side,
-                ),
-                Term(
-                    self.part(
-                        f"moments, {name}",
-                        DIRECT,
-                        gains={"moment_front": 1.0, "moment_rear": 1.0},
-                        washout=washout,
-                    ),
-                    -1,
-                    box.moment,
-                ),
-                Term(
-                    steps,
-                    0,
-                    late(box, self.tick, washout) / lost,
-                ),
+                term(f"momentum, {name}", DERIVATIVE, {"roll_rate": j}, 1, inertia),
+                term(f"springs, {name}", INTEGRAL, self.strokes(springs), 1, box.stiffness),
+                term(f"dampers, {name}", DIRECT, self.strokes(car.dampers), 1, box.damping),
+                term(f"side, {name}", DIRECT, {"lateral": car.arm}, -1, side),
+                term(f"moments, {name}", DIRECT, delivered, -1, box.moment),
+                Term(steps, 0, late(box, self.tick, washout) / lost),
             ]
             self.residual(
                 f"body, {name}",
@@ -215,23 +185,22 @@ class Builder:
         gain, m = tilted(car, NOMINAL), car.arm
         apart = deviation(lambda f: f.speed * tilted(car, f), box, names)
         # by frames as they come, without the suspensions' low-pass
-        part = partial(self.part, low_pass=LOW_PASS)
-        turn = part("turn", DIRECT, gains={"turning": gain * m, "lateral": -m})
-        turning = part("turning", DIRECT, gains={"turning": gain * m})
-        steer = part("steer", DIRECT, gains={"steered": gain * m, "lateral": -m})
-        angle = part("steered", DIRECT, gains={"steered": gain * m})
-        change = self.part(
-            "change of steering", DERIVATIVE, gains={"steered": gain * m}, low_pass=box.response
-        )
-        least, fading = (box.sideslip + GRAVITY * sin(box.bank)) * m, FADING * LOW_PASS
-        terms = [Term(turn, 1, 0.0), Term(turning, 0, apart)]
-        self.residual("turn", terms, time=LATERAL_TIME, besides=least, limit=LINEAR, fading=fading)
-        terms = [
-            Term(steer, 1, 0.0),
-            Term(angle, 0, steering_deviation(car, box)),
-            Term(change, 0, 1.0),
+        term = partial(self.term, low_pass=LOW_PASS)
+        steered = {"steered": gain * m}
+        turn = [
+            term("turn", DIRECT, {"turning": gain * m, "lateral": -m}, 1),
+            term("turning", DIRECT, {"turning": gain * m}, 0, apart),
         ]
-        self.residual("steer", terms, time=LATERAL_TIME, besides=least, limit=LINEAR, fading=fading)
+        steer = [
+            term("steer", DIRECT, {**steered, "lateral": -m}, 1),
+            term("steered", DIRECT, steered, 0, steering_deviation(car, box)),
+            self.term("change of steering", DERIVATIVE, steered, 0, 1.0, low_pass=box.response),
+        ]
+        least, fading = (box.sideslip + GRAVITY * sin(box.bank)) * m, FADING * LOW_PASS
+        for name, terms in (("turn", turn), ("steer", steer)):
+            self.residual(
+                name, terms, time=LATERAL_TIME, besides=least, limit=LINEAR, fading=fading
+            )
 
     def gyro(self, moments: bool) -> None:
         """Add the roll rate against that of each suspension.
@@ -242,35 +211,21 @@ class Builder:
         """
         car, box = self.car, self.box
         damping = car.vehicle.design.roll_damping
-        rate = self.part("roll rate", DIRECT, gains={"roll_rate": damping})
-        per = [rolled(car, axle, NOMINAL) / car.tracks[axle] for axle in range(2)]
-        apart = self.part(
-            "suspensions apart",
-            DIRECT,
-            gains={"stroke_front": damping * per[0], "stroke_rear": -damping * per[1]},
-        )
-        terms = [Term(apart, 0, 1.0)]
+        rate = self.term("roll rate", DIRECT, {"roll_rate": damping}, 0)
+        per = [-damping * (rolled(car, axle, NOMINAL) / car.tracks[axle]) for axle in range(2)]
+        apart = {"stroke_front": -per[0], "stroke_rear": per[1]}
+        terms = [self.term("suspensions apart", DIRECT, apart, 0, 1.0)]
         if moments:
             tyres = damping / self.low_pass
-            moved = self.part(
-                "moments on the tyres",
-                DERIVATIVE,
-                gains={
-                    "moment_front": tyres / car.tyres[0],
-                    "moment_rear": tyres / car.tyres[1],
-                },
-            )
-            terms.append(Term(moved, 0, 1.0))
+            moved = {"moment_front": tyres / car.tyres[0], "moment_rear": tyres / car.tyres[1]}
+            terms.append(self.term("moments on the tyres", DERIVATIVE, moved, 0, 1.0))
         for axle, name in enumerate(("front", "rear")):
-            difference = self.part(
-                f"gyro less {name}",
-                DIRECT,
-                gains={"roll_rate": damping, f"stroke_{name}": -damping * per[axle]},
-            )
+            gains = {"roll_rate": damping, f"stroke_{name}": per[axle]}
+            difference = self.term(f"gyro less {name}", DIRECT, gains, 1)
             weight = deviation(partial(rolled, car, axle), box, ("tyre", "stiffness"))
             self.residual(
                 f"gyro, {name}",
-                [Term(difference, 1, 0.0), Term(rate, 0, weight), *terms],
+                [difference, replace(rate, weight=weight), *terms],
                 time=GYRO_TIME,
                 besides=box.bank_rate * damping,
                 limit=self.on_road,
@@ -292,42 +247,18 @@ class Builder:
         tyre = car.tyres[0]
         lateral, yaw = axle_forces(vehicle, scale)
         by_lateral, by_moment = of_axles(car, box)
-        stretch = self.part(
-            "suspensions and tyres apart",
-            INTEGRAL,
-            gains=self.strokes((springs[0] + tyre, -springs[1] - tyre)),
-            washout=AXLES,
-        )
-        bump = self.part(
-            "rate apart",
-            DIRECT,
-            gains=self.strokes((springs[0] + tyre, -springs[1] - tyre), box.bump),
-            washout=AXLES,
-        )
-        damped = self.part(
-            "dampers apart",
-            DIRECT,
-            gains=self.strokes((car.dampers[0], -scale[1] * car.dampers[1])),
-            washout=AXLES,
-        )
-        side = self.part(
-            "forces at the roll centres", DIRECT, gains={"lateral": lateral}, washout=AXLES
-        )
-        by_side = self.part(MAY_BE_WRONG, DIRECT, gains={"lateral": by_lateral}, washout=AXLES)
-        front = self.part("front moment", DIRECT, gains={"moment_front": 1.0}, washout=AXLES)
-        rear = self.part("rear moment", DIRECT, gains={"moment_rear": scale[1]}, washout=AXLES)
-        turned = self.part(
-            "yaw at the roll centres", DERIVATIVE, gains={"yaw_rate": yaw / self.low_pass}
-        )
+        term, apart = partial(self.term, washout=AXLES), (springs[0] + tyre, -springs[1] - tyre)
+        damped = self.strokes((car.dampers[0], -scale[1] * car.dampers[1]))
+        turned = {"yaw_rate": yaw / self.low_pass}
         terms = [
-            Term(stretch, 1, 0.0),
-            Term(damped, 1, 0.0),
-            Term(side, 1, 0.0),
-            Term(turned, 1, 0.0),
-            Term(front, -1, by_moment),
-            Term(rear, 1, by_moment),
-            Term(by_side, 0, 1.0),
-            Term(bump, 0, 1.0),
+            term("suspensions and tyres apart", INTEGRAL, self.strokes(apart), 1),
+            term("dampers apart", DIRECT, damped, 1),
+            term("forces at the roll centres", DIRECT, {"lateral": lateral}, 1),
+            self.term("yaw at the roll centres", DERIVATIVE, turned, 1),
+            term("front moment", DIRECT, {"moment_front": 1.0}, -1, by_moment),
+            term("rear moment", DIRECT, {"moment_rear": scale[1]}, 1, by_moment),
+            term(MAY_BE_WRONG, DIRECT, {"lateral": by_lateral}, 0, 1.0),
+            term("rate apart", DIRECT, self.strokes(apart, box.bump), 0, 1.0),
         ]
         self.residual(
             "axles", terms, time=self.axle_time, limit=self.on_road, fading=1.0 / (pi * AXLES)
@@ -340,19 +271,12 @@ class Builder:
             "heave_front": suspension.spring_rate_front,
             "heave_rear": suspension.spring_rate_rear,
         }
-        carried = self.part("carried by the springs", INTEGRAL, gains=rates, washout=SLOW)
         factor = late(box, self.tick, SLOW)
-        steps = self.part(
-            "steps of heave",
-            STEP,
-            gains={name: factor * rate for name, rate in rates.items()},
-            low_pass=MEAN,
-        )
+        steps = {name: factor * rate for name, rate in rates.items()}
+        terms = [
+            self.term("carried by the springs", INTEGRAL, rates, 1, washout=SLOW),
+            self.term("steps of heave", STEP, steps, 0, 1.0, low_pass=MEAN),
+        ]
         # what softer springs carry makes them give way more than stiffness as designed for explains
         mass = (1.0 + box.mass) * self.car.vehicle.design.sprung_mass / (1.0 - box.stiffness)
-        self.residual(
-            "heave",
-            [Term(carried, 1, 0.0), Term(steps, 0, 1.0)],
-            time=HEAVE_TIME,
-            besides=box.hill * mass,
-        )
+        self.residual("heave", terms, time=HEAVE_TIME, besides=box.hill * mass)
