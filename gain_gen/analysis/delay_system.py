@@ -1,24 +1,9 @@
 """Exact analysis of x' = A x + B K x(t − τ): rightmost root, largest delay, H∞ level."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from gain_gen.models.roll import Matrix
-from gain_gen.models.state_space import Complex
-
-
-@dataclass(frozen=True, slots=True)
-class Peak:
-    """The H∞ level and where it is reached.
-
-    Attributes:
-        gamma: largest singular value over frequency; infinite where the loop is unstable.
-        frequency: rad/s.
-    """
-
-    gamma: float
-    frequency: float
+from gain_gen.models.state_space import Complex, peak
 
 
 def chebyshev(points: int) -> tuple[Matrix, Matrix]:
@@ -118,12 +103,6 @@ def _unit_modulus_frequencies(numerator: Matrix, denominator: Matrix) -> Matrix:
     return frequencies
 
 
-def frequency_grid(*fast: float, points: int = 1200) -> Matrix:
-    """Return ω = 0 and a logarithmic grid that extends well beyond each of the rates ``fast``."""
-    top = 50.0 * max(1.0, *fast)
-    return np.concatenate([[0.0], np.geomspace(1e-3, top, points)])
-
-
 def closed_loop_response(
     a: Matrix,
     delayed: Matrix,
@@ -140,10 +119,8 @@ def closed_loop_response(
     return np.asarray(c @ np.linalg.solve(matrix, inputs), dtype=complex)
 
 
-def h_infinity(
-    a: Matrix, delayed: Matrix, b: Matrix, c: Matrix, *, delay: float, check: bool = True
-) -> Peak:
-    """Return the H∞ level of a delay system on a grid refined three times about its peak.
+def h_infinity(a: Matrix, delayed: Matrix, b: Matrix, c: Matrix, *, delay: float) -> float:
+    """Return the H∞ level of a delay system; infinite where it is unstable.
 
     Args:
         a: (n, n).
@@ -151,23 +128,18 @@ def h_infinity(
         b: disturbance input, (n, m).
         c: performance output, (p, n).
         delay: s.
-        check: return infinity if the rightmost root is not in the left half plane.
     """
-    if check and rightmost_root(a, delayed, delay).real >= 0.0:
-        return Peak(float("inf"), float("nan"))
-    grid = frequency_grid(
+    if rightmost_root(a, delayed, delay).real >= 0.0:
+        return float("inf")
+    fastest = max(
+        1.0,
         float(np.abs(np.linalg.eigvals(a)).max()),
         float(np.linalg.norm(delayed, 2)),
         2.0 * np.pi / max(delay, 1e-3),
     )
-    peak = 0
-    sigma = np.zeros(1)
-    for _ in range(4):
-        response = closed_loop_response(a, delayed, b, c, delay=delay, frequencies=grid)
-        sigma = np.linalg.norm(response, 2, axis=(1, 2))
-        peak = int(np.argmax(sigma))
-        best = float(grid[peak])
-        grid = np.linspace(grid[max(peak - 1, 0)], grid[min(peak + 1, len(grid) - 1)], 41)
-        if grid[0] == grid[-1]:
-            break
-    return Peak(float(sigma.max()), best)
+
+    def gains(frequencies: Matrix) -> Matrix:
+        response = closed_loop_response(a, delayed, b, c, delay=delay, frequencies=frequencies)
+        return np.asarray(np.linalg.norm(response, 2, axis=(1, 2)))
+
+    return peak(gains, np.concatenate([[0.0], np.geomspace(1e-3, 50.0 * fastest, 1200)]))

@@ -8,20 +8,13 @@ from canroll.errors import VerdictError
 from gain_gen.laws.lmi import Clock, discrete_h_infinity
 from gain_gen.laws.state_feedback import PRINTED, printed_note, state_feedback
 from gain_gen.laws.state_gains import discrete_plant, yim_weights
-from gain_gen.models.state_space import StateSpace
+from gain_gen.models.state_space import StateSpace, peak
 from gain_gen.models.task import Solution, Task, below
 
 
 def discrete_level(system: StateSpace) -> float:
     """Return the largest singular value of the response on a refined frequency grid."""
-    grid = np.concatenate([[0.0], np.geomspace(1e-3, pi / system.tick, 2000)])
-    level = 0.0
-    for _ in range(3):
-        gains = system.gains(grid)
-        peak = int(np.argmax(gains))
-        level = float(gains[peak])
-        grid = np.linspace(grid[max(peak - 1, 0)], grid[min(peak + 1, len(grid) - 1)], 101)
-    return level
+    return peak(system.gains, np.r_[0.0, np.geomspace(1e-3, pi / system.tick, 2000)])
 
 
 def design_state_hinf(task: Task) -> Solution:

@@ -53,7 +53,7 @@ def exact_gamma(model: RollModel, gain: float, delay: float) -> float:
     delayed = gain * moment_input(model) @ ROLL_RATE
     return h_infinity(
         state_matrix(model), delayed, disturbance_input(model), PERFORMANCE, delay=delay
-    ).gamma
+    )
 
 
 def exact_optimum(model: RollModel, delay: float, *, guess: float) -> ExactOptimum:

@@ -1,5 +1,6 @@
 """Linear systems in state space, continuous or sampled: response, norm, balanced reduction."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -25,6 +26,17 @@ def resolvent(a: Matrix, b: Matrix, points: Complex) -> Complex:
 def resolvent_rows(a: Matrix, c: Matrix, points: Complex) -> Complex:
     """Return C (p − A)⁻¹ at every point p, (points, outputs, n)."""
     return resolvent(a.T, c.T, points).transpose(0, 2, 1)
+
+
+def peak(gains: Callable[[Matrix], Matrix], grid: Matrix) -> float:
+    """Return the largest of gains over frequency, on a grid refined three times about it."""
+    largest = 0.0
+    for _ in range(4):
+        values = gains(grid)
+        at = int(np.argmax(values))
+        largest = float(values[at])
+        grid = np.linspace(grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)], 41)
+    return largest
 
 
 @dataclass(frozen=True, slots=True)

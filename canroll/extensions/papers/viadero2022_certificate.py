@@ -62,9 +62,7 @@ def readings(lateral: Vector, scale: float) -> PaperSection:
             point = fixed_lyapunov_certificate(
                 block, np.array(tables["lyapunov_p"]), PRINTED_EVENT_GAIN, Clock()
             )
-            exact = h_infinity(
-                plant.a, delayed, disturbance_input(model), PERFORMANCE, delay=delay
-            ).gamma
+            exact = h_infinity(plant.a, delayed, disturbance_input(model), PERFORMANCE, delay=delay)
             small = sqrt(EPSILON_SQUARED) * event_small_gain(
                 plant, gain=PRINTED_EVENT_GAIN, delay=delay
             )
