@@ -1,163 +1,76 @@
 """The options of ``canroll bus``."""
 
 from pathlib import Path
+from typing import Any
 
-from canroll.cli.options import add_choices, add_json, add_section
-from canroll.cli.parser import Parser, Relations
+from canroll.cli.options import JSON, SECTION, choices
+from canroll.cli.parser import Parser, Relations, flag, opt, related
 from canroll.network import COMMANDS, SENSOR
 from plant_sim.can_bus.servers import SOCKETCAND_PORT
 
 LOG, NETWORK, SET, DATABASE = "bus log", "network", "traffic set", "database"
 """What FILE of ``canroll bus`` can be."""
-OF_A_SET = (SET, DATABASE)
-WITH_A_RATE = (LOG, SET, DATABASE)
-NEEDS_A_SET = " needs a traffic set: {file} is a {mode}"
-SERVED = {"serve": "a served bus is not analysed"}
+ANALYSED: dict[str, Any] = {"excludes": {"serve": "a served bus is not analysed"}}
+OF_A_SET: dict[str, Any] = {
+    "only": (SET, DATABASE),
+    "outside": " needs a traffic set: {file} is a {mode}",
+}
+WITH_A_RATE: dict[str, Any] = {
+    "only": (LOG, SET, DATABASE),
+    "outside": " is that of the network: set it in {file}",
+}
 
 
 def bus(parser: Parser) -> None:
     """Bus load, response times and a bus server."""
-    parser.description = (
+    parser.take(
         "Compare worst-case and simulated response times of a traffic set, or of all segments of a "
         "network; or infer a set from a bus log and bound its response times without and with "
-        "canroll's messages."
-    )
-    parser.add_argument(
-        "file",
-        metavar="FILE",
-        type=Path,
-        help="traffic set, .toml, .dbc, .kcd, .arxml or .sym; network, .toml or the name of a bus; "
-        "or bus log; one of several buses or channels: FILE#NAME; with the bit rate of a log: "
-        "LOG@RATE",
-    )
-    add_choices(parser, ("dbc", "map"))
-    parser.add_argument(
-        "-b",
-        "--bitrate",
-        only=WITH_A_RATE,
-        outside=" is that of the network: set it in {file}",
-        type=int,
-        metavar="B",
-        help="bit rate, bit/s; default: that of the file, of a log: inferred or assumed",
-    )
-    parser.add_argument(
-        "--data-bitrate",
-        only=WITH_A_RATE,
-        outside=" is that of the network: set it in {file}",
-        type=int,
-        metavar="B",
-        help="data bit rate of FD frames, bit/s; default: that of the file, of a log: inferred or "
-        "assumed",
-    )
-    parser.add_argument(
-        "--period",
-        only=(DATABASE,),
-        outside=" is of messages without a cycle time: {file} is a {mode}",
-        type=float,
-        metavar="MS",
-        help="period of the messages of a database that have no cycle time; default: left out",
-    )
-    parser.add_argument(
-        "--simulate",
-        excludes=SERVED,
-        type=float,
-        default=10.0,
-        metavar="S",
-        help="simulated time in s, 0: no simulation (default: %(default)g)",
-    )
-    parser.add_argument(
-        "--seed", type=int, default=0, help="seed of payloads and jitter (default: 0)"
-    )
-    parser.add_argument(
-        "--worst-case-lengths",
-        excludes=SERVED,
-        action="store_true",
-        help="simulate every frame with the maximum number of stuff bits",
-    )
-    parser.add_argument(
-        "--xcp",
-        only=(NETWORK,),
-        outside=" requires a network or the name of a bus, such as 500k",
-        type=int,
-        metavar="N",
-        help="on a network: the ECU also sends N frames of measurements by XCP in every tick",
-    )
-    parser.add_argument(
-        "--error-interval",
-        excludes=SERVED,
-        type=float,
-        metavar="MS",
-        help="include one disturbed frame every MS milliseconds in the bounds",
-    )
-    parser.add_argument(
-        "--offsets",
-        only=OF_A_SET,
-        outside=NEEDS_A_SET,
-        excludes=SERVED,
-        action="store_true",
-        help="take the offsets between the messages of a node into account in the bounds",
-    )
-    parser.add_argument(
-        "--replay",
-        only=OF_A_SET,
-        outside=NEEDS_A_SET,
-        type=Path,
-        metavar="LOG",
-        help="replay a bus log (.asc .blf .log …) with the set, except for identifiers of the set;"
-        " bounds are then not valid",
-    )
-    parser.add_argument(
-        "--add",
-        only=(LOG,),
-        outside=" puts messages onto the bus of a log, {file} is none",
-        type=Path,
-        metavar="FILE",
-        help="with a log: traffic set to add to its bus; default: canroll's own messages",
-    )
-    parser.add_argument(
-        "--channel",
-        only=(LOG,),
-        outside=" selects a channel of a log: --replay is required",
-        help="channel of a log, as named by python-can; default: all, of --replay one",
-    )
-    add_section(parser)
-    parser.relate(
-        Relations(only=(LOG,), outside=" selects a section of a log: --replay is required"),
-        "section",
-    )
-    parser.add_argument(
-        "--sensor", excludes=SERVED, default=SENSOR, help="sensor message (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--command",
-        excludes=SERVED,
-        help=f"command message (default: the first of {', '.join(COMMANDS)} that is there)",
-    )
-    parser.add_argument(
-        "--tick",
-        excludes=SERVED,
-        type=float,
-        default=10.0,
-        metavar="MS",
-        help="control tick (default: 10)",
-    )
-    parser.add_argument(
-        "--serve",
-        only=OF_A_SET,
-        outside=NEEDS_A_SET,
-        excludes={"replay": "--serve and --replay exclude each other"},
-        nargs="?",
-        type=int,
-        const=SOCKETCAND_PORT,
-        metavar="PORT",
-        help="run the traffic in real time, for python-can with interface=socketcand"
-        f" (default port: {SOCKETCAND_PORT})",
-    )
-    parser.add_argument(
-        "--host",
-        needs=("serve",),
-        default="127.0.0.1",
-        help="with --serve (default: %(default)s)",
-    )
-    add_json(parser)
-    parser.relate(Relations(excludes=SERVED), "json")
+        "canroll's messages.",
+        opt("file", Path, "FILE", "traffic set, .toml, .dbc, .kcd, .arxml or .sym; network, .toml "
+            "or the name of a bus; or bus log; one of several buses or channels: FILE#NAME; with "
+            "the bit rate of a log: LOG@RATE"),
+        choices(("dbc", "map")),
+        opt("-b --bitrate", int, "B", "bit rate, bit/s; default: that of the file, of a log: "
+            "inferred or assumed", **WITH_A_RATE),
+        opt("--data-bitrate", int, "B", "data bit rate of FD frames, bit/s; default: that of the "
+            "file, of a log: inferred or assumed", **WITH_A_RATE),
+        opt("--period", float, "MS", "period of the messages of a database that have no cycle "
+            "time; default: left out", only=(DATABASE,),
+            outside=" is of messages without a cycle time: {file} is a {mode}"),
+        opt("--simulate", float, "S", "simulated time in s, 0: no simulation (default: "
+            "%(default)g)", 10.0, **ANALYSED),
+        opt("--seed", int, None, "seed of payloads and jitter (default: 0)", 0),
+        flag("--worst-case-lengths", "simulate every frame with the maximum number of stuff bits",
+             **ANALYSED),
+        opt("--xcp", int, "N", "on a network: the ECU also sends N frames of measurements by XCP "
+            "in every tick", only=(NETWORK,),
+            outside=" requires a network or the name of a bus, such as 500k"),
+        opt("--error-interval", float, "MS", "include one disturbed frame every MS milliseconds in "
+            "the bounds", **ANALYSED),
+        flag("--offsets", "take the offsets between the messages of a node into account in the "
+             "bounds", **OF_A_SET, **ANALYSED),
+        opt("--replay", Path, "LOG", "replay a bus log (.asc .blf .log …) with the set, except for "
+            "identifiers of the set; bounds are then not valid", **OF_A_SET),
+        opt("--add", Path, "FILE", "with a log: traffic set to add to its bus; default: canroll's "
+            "own messages", only=(LOG,),
+            outside=" puts messages onto the bus of a log, {file} is none"),
+        opt("--channel", str, None, "channel of a log, as named by python-can; default: all, of "
+            "--replay one", only=(LOG,),
+            outside=" selects a channel of a log: --replay is required"),
+        SECTION,
+        related(Relations(only=(LOG,), outside=" selects a section of a log: --replay is required"),
+                "section"),
+        opt("--sensor", str, None, "sensor message (default: %(default)s)", SENSOR, **ANALYSED),
+        opt("--command", str, None, f"command message (default: the first of {', '.join(COMMANDS)} "
+            "that is there)", **ANALYSED),
+        opt("--tick", float, "MS", "control tick (default: 10)", 10.0, **ANALYSED),
+        opt("--serve", int, "PORT", "run the traffic in real time, for python-can with "
+            f"interface=socketcand (default port: {SOCKETCAND_PORT})", nargs="?",
+            const=SOCKETCAND_PORT, **OF_A_SET,
+            excludes={"replay": "--serve and --replay exclude each other"}),
+        opt("--host", str, None, "with --serve (default: %(default)s)", "127.0.0.1",
+            needs=("serve",)),
+        JSON,
+        related(Relations(**ANALYSED), "json"),
+    )  # fmt: skip

@@ -1,22 +1,23 @@
 """The options of the commands that design, verify, time and export a controller."""
 
 from pathlib import Path
+from typing import Any
 
 from canroll.cli.options import (
     DEFAULT_SCENARIO,
     EXECUTION,
+    JSON,
     OF_A_RUN,
-    add_choices,
-    add_execution,
-    add_json,
-    add_services,
-    add_spread,
-    add_verbose,
+    SERVICE_OPTIONS,
+    SPREAD,
+    choices,
+    execution,
     key_value,
     path_named,
     scenario,
+    verbose,
 )
-from canroll.cli.parser import Parser, Relations
+from canroll.cli.parser import Parser, Relations, flag, opt, related, repeated
 from codegen.export.prefix import DEFAULT
 from codegen.run import BACKENDS, SERVICES
 
@@ -31,184 +32,98 @@ OF_A_DRIVE = ("plant", "speed_kmh", "options")
 OF_AN_EXPORT = ("calibration", *OF_A_DESIGN)
 BYTE_ORDERS = ("little", "big")
 PROCESSORS = tuple(name for name in BACKENDS if name.startswith("cortex"))
+OF_THE_BUS: dict[str, Any] = {
+    "excludes": {name: "the bus has its delay" for name in ("bus", "dbc")}
+}
+ON_TARGET: dict[str, Any] = {"excludes": {"hil": "--hil runs on this machine, not the target"}}
+OF_THE_BOUND: dict[str, Any] = {"needs": ("bound",), **ON_TARGET}
 
 
 def design(parser: Parser) -> None:
     """Design a controller and write its calibration."""
-    add_choices(parser, (*OF_A_DESIGN, "dbc", "map"), defaults={"bus": None})
-    of_a_bus = {name: "the bus has its delay" for name in ("bus", "dbc")}
-    parser.add_argument(
-        "--delay",
-        excludes=of_a_bus,
-        type=float,
-        metavar="MS",
-        help=f"delay from sample to force, instead of --bus (default: {DEFAULT_DELAY_MS:g})",
-    )
-    parser.add_argument(
-        "--delay-min",
-        excludes=of_a_bus,
-        type=float,
-        metavar="MS",
-        help="smallest delay, if it varies",
-    )
-    parser.add_argument(
-        "--gamma",
-        type=float,
-        default=0.0,
-        metavar="LEVEL",
-        help="H-infinity level that the theorem of hinf_delay must certify (default: the smallest)",
-    )
-    parser.add_argument(
-        "--compare", action="store_true", help="design every law for the vehicle, write nothing"
-    )
-    parser.add_argument(
-        "--runs",
-        needs=("compare",),
-        type=int,
-        metavar="N",
-        help="with --compare: drive all laws at equal effort over the bus, N vehicles of a "
-        "population, the same for every law",
-    )
-    parser.add_argument(
-        "--scenario", type=scenario, help=f"with --runs: manoeuvre (default: {DEFAULT_SCENARIO})"
-    )
-    parser.add_argument(
-        "--effort",
-        type=float,
-        metavar="NM",
-        help="with --runs: common RMS moment (default: half of what holds the body upright)",
-    )
-    add_spread(parser)
-    add_choices(parser, OF_A_DRIVE)
-    add_json(parser)
-    add_verbose(parser, "the numbers without a limit and the least faults that can be found")
-    parser.add_argument(
-        "--out",
-        type=path_named,
-        metavar="DIR",
-        help="folder for the files (default: out); with --runs for finished laws, until all are",
-    )
-    add_execution(parser, "law")
-    driven = Relations(needs=("runs",), why="--compare --runs")
-    parser.relate(driven, "scenario", "effort", "spread", *OF_A_DRIVE, *EXECUTION)
-    every = {"compare": "--compare designs every law"}
-    parser.relate(Relations(excludes=every), "law")
-    plain = {"compare": "--compare designs laws without a stage"}
-    parser.relate(Relations(excludes=plain), "stage")
-    line = {"compare": "--compare prints one line a law"}
-    parser.relate(Relations(excludes=line), "verbose", "uncertainty")
+    parser.take(
+        "",
+        choices((*OF_A_DESIGN, "dbc", "map"), defaults={"bus": None}),
+        opt("--delay", float, "MS", "delay from sample to force, instead of --bus (default: "
+            f"{DEFAULT_DELAY_MS:g})", **OF_THE_BUS),
+        opt("--delay-min", float, "MS", "smallest delay, if it varies", **OF_THE_BUS),
+        opt("--gamma", float, "LEVEL", "H-infinity level that the theorem of hinf_delay must "
+            "certify (default: the smallest)", 0.0),
+        flag("--compare", "design every law for the vehicle, write nothing"),
+        opt("--runs", int, "N", "with --compare: drive all laws at equal effort over the bus, N "
+            "vehicles of a population, the same for every law", needs=("compare",)),
+        opt("--scenario", scenario, None, f"with --runs: manoeuvre (default: {DEFAULT_SCENARIO})"),
+        opt("--effort", float, "NM", "with --runs: common RMS moment (default: half of what holds "
+            "the body upright)"),
+        SPREAD,
+        choices(OF_A_DRIVE),
+        JSON,
+        verbose("the numbers without a limit and the least faults that can be found"),
+        opt("--out", path_named, "DIR", "folder for the files (default: out); with --runs for "
+            "finished laws, until all are"),
+        execution("law"),
+        related(Relations(needs=("runs",), why="--compare --runs"),
+                "scenario", "effort", "spread", *OF_A_DRIVE, *EXECUTION),
+        related(Relations(excludes={"compare": "--compare designs every law"}), "law"),
+        related(Relations(excludes={"compare": "--compare designs laws without a stage"}), "stage"),
+        related(Relations(excludes={"compare": "--compare prints one line a law"}),
+                "verbose", "uncertainty"),
+    )  # fmt: skip
 
 
 def margins(parser: Parser) -> None:
     """Verify a calibration independently of its design."""
-    parser.add_argument("calibration", type=path_named, help="calibration.toml of canroll design")
-    add_json(parser)
-    add_verbose(parser, "the least faults that can be found")
-    parser.add_argument(
-        "--uncertainty",
-        action="append",
-        type=key_value,
-        default=[],
-        metavar="KEY=WIDTH",
-        help="half-width that the table of detectable faults allows for instead of the "
-        "calibration's, such as mass=0.05, and print the table; may be repeated",
-    )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="write margins.png there")
+    parser.take(
+        "",
+        opt("calibration", path_named, None, "calibration.toml of canroll design"),
+        JSON,
+        verbose("the least faults that can be found"),
+        repeated("--uncertainty", key_value, "KEY=WIDTH", "half-width that the table of detectable "
+                 "faults allows for instead of the calibration's, such as mass=0.05, and print the "
+                 "table", default=[]),
+        opt("--out", Path, "DIR", "write margins.png there"),
+    )  # fmt: skip
 
 
 def timing(parser: Parser) -> None:
     """Instructions, stack and sizes on the target; budget verdict."""
-    add_choices(parser, [name for name in OF_A_RUN if name != "backend"])
-    parser.add_argument(
-        "--scenario", type=scenario, default=DEFAULT_SCENARIO, help="manoeuvre to replay"
-    )
-    parser.add_argument("--duration", type=float, default=5.0, help="duration in s (default: 5)")
-    on_host = {"hil": "--hil runs on this machine, not the target"}
-    bound = ("bound",)
-    parser.add_argument(
-        "--processor",
-        excludes=on_host,
-        default="cortex-m4",
-        choices=PROCESSORS,
-        help="default: %(default)s",
-    )
-    parser.add_argument(
-        "--counter",
-        excludes={**on_host, "bound": "--bound reads the code, and replays it by qemu"},
-        choices=("qemu", "unicorn"),
-        help="instruction counter (default: qemu if installed)",
-    )
-    parser.add_argument(
-        "--specialise",
-        excludes=on_host,
-        action="store_true",
-        help="the firmware specialised for the calibration, as export-c --specialise writes it",
-    )
-    parser.add_argument(
-        "--hil", action="store_true", help="run in real time; verdict on tick, latency and misses"
-    )
-    parser.add_argument(
-        "--bound",
-        excludes=on_host,
-        action="store_true",
-        help="worst case of a tick in cycles from the machine code, with the maximum seen",
-    )
-    parser.add_argument(
-        "--ticks",
-        needs=bound,
-        excludes=on_host,
-        type=int,
-        default=4000,
-        help="with --bound: ticks replayed (default: 4000)",
-    )
-    parser.add_argument(
-        "--clock",
-        needs=bound,
-        excludes=on_host,
-        type=float,
-        metavar="MHZ",
-        help="with --bound: clock, for the share of a tick",
-    )
-    parser.add_argument(
-        "--wait-states",
-        needs=bound,
-        excludes=on_host,
-        type=int,
-        default=0,
-        metavar="N",
-        help="with --bound: of the flash",
-    )
-    parser.add_argument(
-        "--multiplier",
-        needs=bound,
-        excludes=on_host,
-        type=int,
-        default=1,
-        metavar="CYCLES",
-        help="with --bound: of a multiplication on a Cortex-M0, 1 or 32 (default: 1)",
-    )
-    parser.add_argument(
-        "--division",
-        needs=bound,
-        excludes=on_host,
-        type=int,
-        default=12,
-        metavar="CYCLES",
-        help="with --bound: of a division on M3 and M4 at most (default: 12)",
-    )
-    add_json(parser)
+    parser.take(
+        "",
+        choices([name for name in OF_A_RUN if name != "backend"]),
+        opt("--scenario", scenario, None, "manoeuvre to replay", DEFAULT_SCENARIO),
+        opt("--duration", float, None, "duration in s (default: 5)", 5.0),
+        opt("--processor", PROCESSORS, None, "default: %(default)s", "cortex-m4", **ON_TARGET),
+        opt("--counter", ("qemu", "unicorn"), None, "instruction counter (default: qemu if "
+            "installed)", **ON_TARGET),
+        related(Relations(excludes={"bound": "--bound reads the code, and replays it by qemu"}),
+                "counter"),
+        flag("--specialise", "the firmware specialised for the calibration, as export-c "
+             "--specialise writes it", **ON_TARGET),
+        flag("--hil", "run in real time; verdict on tick, latency and misses"),
+        flag("--bound", "worst case of a tick in cycles from the machine code, with the maximum "
+             "seen", **ON_TARGET),
+        opt("--ticks", int, None, "with --bound: ticks replayed (default: 4000)", 4000,
+            **OF_THE_BOUND),
+        opt("--clock", float, "MHZ", "with --bound: clock, for the share of a tick",
+            **OF_THE_BOUND),
+        opt("--wait-states", int, "N", "with --bound: of the flash", 0, **OF_THE_BOUND),
+        opt("--multiplier", int, "CYCLES", "with --bound: of a multiplication on a Cortex-M0, 1 or "
+            "32 (default: 1)", 1, **OF_THE_BOUND),
+        opt("--division", int, "CYCLES", "with --bound: of a division on M3 and M4 at most "
+            "(default: 12)", 12, **OF_THE_BOUND),
+        JSON,
+    )  # fmt: skip
 
 
 def prove(parser: Parser) -> None:
     """Prove the loop free of overflow for every accepted calibration."""
-    parser.add_argument(
-        "calibration",
-        nargs="?",
-        type=path_named,
-        help="calibration.toml of a design (default: every calibration the ECU accepts)",
-    )
-    add_choices(parser, ("stage",))
-    add_json(parser)
+    parser.take(
+        "",
+        opt("calibration", path_named, None, "calibration.toml of a design (default: every "
+            "calibration the ECU accepts)", nargs="?"),
+        choices(("stage",)),
+        JSON,
+    )  # fmt: skip
 
 
 def whole_number(text: str) -> int:
@@ -218,46 +133,25 @@ def whole_number(text: str) -> int:
 
 def export_c(parser: Parser) -> None:
     """Export the controller as C99 with test vectors."""
-    parser.add_argument("folder", type=Path, help="folder of the bundle")
-    add_choices(parser, OF_AN_EXPORT)
-    add_choices(parser, ("dbc", "map"))
-    parser.add_argument(
-        "--elf",
-        type=Path,
-        help="only write the addresses of this image to the A2L in DIR; with --calibration also "
-        "write the calibration at its address, as Intel HEX and S-record",
-    )
-    parser.add_argument(
-        "--address",
-        type=whole_number,
-        metavar="ADDRESS",
-        help="also write the calibration for this address, as Intel HEX and S-record",
-    )
-    parser.add_argument(
-        "--byte-order",
-        choices=BYTE_ORDERS,
-        help="of the target's memory, for canroll.a2l and --address (default: little; an image "
-        "says its own); the C code suits both",
-    )
-    parser.add_argument(
-        "--specialise",
-        action="store_true",
-        help="code for this calibration alone: smaller, faster, nothing to tune",
-    )
-    parser.add_argument(
-        "--prefix",
-        metavar="NAME",
-        default=DEFAULT,
-        excludes={"elf": "the bundle has its own"},
-        help="of all public symbols, macros and files, for several bundles in one image "
-        "(default: %(default)s)",
-    )
-    add_services(parser)
-    parser.add_argument(
-        "--nvm",
-        action="store_true",
-        help="with functions that save faults and learnt offsets over a loss of power",
-    )
-    compiled_in = Relations(excludes={"specialise": "--specialise has the calibration compiled in"})
-    parser.relate(compiled_in, "elf", "address", *SERVICES, "nvm")
-    parser.relate(Relations(excludes={"elf": "the image says its own"}), "address", "byte_order")
+    parser.take(
+        "",
+        opt("folder", Path, None, "folder of the bundle"),
+        choices(OF_AN_EXPORT),
+        choices(("dbc", "map")),
+        opt("--elf", Path, None, "only write the addresses of this image to the A2L in DIR; with "
+            "--calibration also write the calibration at its address, as Intel HEX and S-record"),
+        opt("--address", whole_number, "ADDRESS", "also write the calibration for this address, as "
+            "Intel HEX and S-record"),
+        opt("--byte-order", BYTE_ORDERS, None, "of the target's memory, for canroll.a2l and "
+            "--address (default: little; an image says its own); the C code suits both"),
+        flag("--specialise", "code for this calibration alone: smaller, faster, nothing to tune"),
+        opt("--prefix", str, "NAME", "of all public symbols, macros and files, for several bundles "
+            "in one image (default: %(default)s)", DEFAULT,
+            excludes={"elf": "the bundle has its own"}),
+        *SERVICE_OPTIONS,
+        flag("--nvm", "with functions that save faults and learnt offsets over a loss of power"),
+        related(Relations(excludes={
+            "specialise": "--specialise has the calibration compiled in"}),
+            "elf", "address", *SERVICES, "nvm"),
+        related(Relations(excludes={"elf": "the image says its own"}), "address", "byte_order"),
+    )  # fmt: skip

@@ -7,8 +7,8 @@ from typing import Any, cast
 
 import vehicles
 from canroll.cli.commands import COMMANDS, parser_of
-from canroll.cli.options import add_json, path_named
-from canroll.cli.parser import Parser
+from canroll.cli.options import JSON, path_named
+from canroll.cli.parser import Parser, opt
 from canroll.errors import optional
 from canroll.registry import BUILT_IN, Registry
 from canroll.setup.choices import CHOICES
@@ -30,22 +30,22 @@ REGISTRIES: dict[str, Registry[Any]] = {
 def completion(parser: Parser) -> None:
     """Script for the completion of a shell."""
     parser.handler = "canroll.cli.listing:complete"
-    parser.description = (
+    parser.take(
         "Print a script that completes commands, options and names: "
-        "source <(canroll completion bash)"
+        "source <(canroll completion bash)",
+        opt("shell", ("bash", "zsh", "tcsh"), None, None),
     )
-    parser.add_argument("shell", choices=("bash", "zsh", "tcsh"))
 
 
 def listing(parser: Parser) -> None:
     """Laws, vehicles, scenarios and their options, buses and bodies by name."""
     parser.handler = "canroll.cli.listing:run"
-    parser.description = (
+    parser.take(
         "List all names of a kind: built in, or from an installed package's entry points. "
-        "Laws, scenarios, buses and bodies can also be named as file.py:name or module:name."
+        "Laws, scenarios, buses and bodies can also be named as file.py:name or module:name.",
+        opt("kind", KINDS, "KIND", ", ".join(KINDS)),
+        JSON,
     )
-    parser.add_argument("kind", choices=KINDS, metavar="KIND", help=", ".join(KINDS))
-    add_json(parser)
 
 
 def entries(kind: str) -> list[dict[str, str]]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import vehicles
-from canroll.cli.parser import Parser, Relations
+from canroll.cli.parser import Option, Parser, Relations, flag, opt, repeated
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.setup.choice import Choice, one_or_several, several
 from canroll.setup.choices import CHOICES, chosen
@@ -54,54 +54,48 @@ def scenario(text: str) -> str:
     return text
 
 
-def add_scenario(parser: Parser, default: str = "") -> None:
-    """Add the manoeuvre argument; required without a default."""
+def scenario_named(default: str = "") -> Option:
+    """Return the manoeuvre argument; required without a default."""
     names = ", ".join(MANEUVERS)
-    if default:
-        parser.add_argument(
-            "scenario",
-            nargs="?",
-            type=scenario,
-            default=default,
-            help=f"{names} (default: {default})",
-        )
-    else:
-        parser.add_argument("scenario", type=scenario, help=names)
+    if not default:
+        return opt("scenario", scenario, None, names)
+    return opt("scenario", scenario, None, f"{names} (default: {default})", default, nargs="?")
 
 
-def add_choices(
-    parser: Parser,
+def choices(
     names: Iterable[str] = OF_A_RUN,
     *,
     several: Collection[str] = (),
     defaults: Mapping[str, Any] | None = None,
-) -> None:
-    """Add the options of choices of a run.
+) -> Option:
+    """Return the options of choices of a run.
 
     Args:
-        parser: the command's parser.
         names: names of the choices.
         several: choices that accept several names separated by commas.
         defaults: defaults of this command that differ from the table's.
     """
-    group = parser.add_argument_group("sensors and actuators")
     own = defaults or {}
-    for name in names:
-        choice = CHOICES[name]
-        if name in own:
-            choice = replace(choice, default=own[name])
-        _add(group if name in NODES else parser, choice, listed=name in several)
-        parser.relate(Relations(excludes=choice.excludes), name)
-        parser.set_defaults(**{name: own.get(name)})
-        if name == "vehicle":
-            parser.add_argument(
-                VEHICLE_SET,
-                action="append",
-                type=key_value,
-                metavar="KEY=VALUE",
-                help="another number of the vehicle, such as plant.sprung_mass=2500; may be "
-                "repeated",
-            )
+
+    def add(parser: Parser) -> None:
+        group = parser.add_argument_group("sensors and actuators")
+        for name in names:
+            choice = CHOICES[name]
+            if name in own:
+                choice = replace(choice, default=own[name])
+            _add(group if name in NODES else parser, choice, listed=name in several)
+            parser.relate(Relations(excludes=choice.excludes), name)
+            parser.set_defaults(**{name: own.get(name)})
+            if name == "vehicle":
+                VEHICLE_NUMBER(parser)
+
+    return add
+
+
+VEHICLE_NUMBER = repeated(
+    VEHICLE_SET, key_value, "KEY=VALUE",
+    "another number of the vehicle, such as plant.sprung_mass=2500",
+)  # fmt: skip
 
 
 def _add(parser: "Parser | argparse._ArgumentGroup", choice: Choice, *, listed: bool) -> None:
@@ -150,14 +144,10 @@ def _shown(default: Any) -> str:  # noqa: ANN401
     return f"{default:g}" if isinstance(default, float) else str(default)
 
 
-def add_services(parser: Parser) -> None:
-    """Add the options of the services."""
-    parser.add_argument(
-        "--xcp", action="store_true", help="with XCP: measure, calibrate, change pages"
-    )
-    parser.add_argument(
-        "--uds", action="store_true", help="with diagnostics: fault codes and data by UDS"
-    )
+SERVICE_OPTIONS = (
+    flag("--xcp", "with XCP: measure, calibrate, change pages"),
+    flag("--uds", "with diagnostics: fault codes and data by UDS"),
+)
 
 
 def chosen_services(args: argparse.Namespace) -> tuple[str, ...]:
@@ -220,47 +210,35 @@ def _changed(choices: Mapping[str, Any], changes: Sequence[tuple[str, str]]) -> 
 
 
 EXECUTION = ("jobs", "scheduler", "resume", "only")
-"""Options of :func:`add_execution`."""
+"""Options of :func:`execution`."""
 ONE_CASE = "--only drives one case"
 
 
-def add_execution(parser: Parser, case: str, *without: str) -> None:
-    """Add how the cases of a study are driven, of which ``case`` N is one, except ``without``."""
-    parser.set_defaults(jobs=os.cpu_count() or 1, scheduler="local", resume=False, only=None)
+def execution(case: str, *without: str) -> Option:
+    """Return how cases of a study are driven, of which ``case`` N is one, except ``without``."""
     one = {} if "only" in without else {"only": ONE_CASE}
-    options: dict[str, dict[str, Any]] = {
-        "jobs": {"type": _processes, "metavar": "N", "help": "processes (default: all cores)"},
-        "scheduler": {
-            "excludes": one,
-            "type": _scheduler,
-            "metavar": "ADDRESS",
-            "help": "local processes, or a Dask scheduler, tcp://HOST:PORT (default: %(default)s)",
-        },
-        "resume": {
-            "excludes": one,
-            "action": "store_true",
-            "help": "continue from what the output folder has",
-        },
-        "only": {"type": int, "metavar": "N", "help": f"drive {case} N alone, counted from 0"},
-    }
-    for name, keywords in options.items():
-        if name not in without:
-            parser.add_argument(f"--{name}", **keywords)
+    options = {
+        "jobs": opt("--jobs", _processes, "N", "processes (default: all cores)"),
+        "scheduler": opt("--scheduler", _scheduler, "ADDRESS", "local processes, or a Dask "
+            "scheduler, tcp://HOST:PORT (default: %(default)s)", excludes=one),
+        "resume": flag("--resume", "continue from what the output folder has", excludes=one),
+        "only": opt("--only", int, "N", f"drive {case} N alone, counted from 0"),
+    }  # fmt: skip
+
+    def add(parser: Parser) -> None:
+        for name in (name for name in EXECUTION if name not in without):
+            options[name](parser)
+        parser.set_defaults(jobs=os.cpu_count() or 1, scheduler="local", resume=False, only=None)
+
+    return add
 
 
-def add_spread(parser: Parser) -> None:
-    """Add the option for the spread of a vehicle population."""
-    parser.add_argument(
-        "--spread",
-        action="append",
-        type=key_value,
-        default=[],
-        metavar="QUANTITY=SHARE",
-        help="half-width of the range of a quantity, e.g. roll_stiffness=0.3; 0: not varied. "
-        "Default: 0.2 of roll_inertia, roll_damping, roll_stiffness, sprung_mass, "
-        "cg_height_above_roll_axis and estimate_error, 0.1 of cornering_stiffness and friction, "
-        "0 of speed; may be repeated",
-    )
+SPREAD = repeated(
+    "--spread", key_value, "QUANTITY=SHARE", "half-width of the range of a quantity, e.g. "
+    "roll_stiffness=0.3; 0: not varied. Default: 0.2 of roll_inertia, roll_damping, "
+    "roll_stiffness, sprung_mass, cg_height_above_roll_axis and estimate_error, 0.1 of "
+    "cornering_stiffness and friction, 0 of speed", default=[],
+)  # fmt: skip
 
 
 def _processes(text: str) -> int:
@@ -275,64 +253,37 @@ def _scheduler(text: str) -> str:
     return text
 
 
-def add_recording(parser: Parser) -> None:
-    """Add the options for the files of bus log and signals."""
-    parser.add_argument(
-        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4 .pcap .pcapng"
+RECORDING = (
+    opt("--log", path_named, "FILE", "bus log: .asc .blf .log .mf4 .pcap .pcapng"),
+    opt("--signals", path_named, "FILE", "signals: .csv .mf4 .parquet .mcap"),
+)
+JSON = flag("--json", "print one JSON object")
+NUMBERS = (
+    opt("--out", path_named, "DIR", "folder for the numbers as JSON, and for finished cases until "
+        "then"),
+    JSON,
+)  # fmt: skip
+SECTION = opt(
+    "--section", int, "N", "section of a log whose times step, by a clock that was set or a pause "
+    "of more than a minute (default: that with most frames)",
+)  # fmt: skip
+
+
+def verbose(more: str) -> Option:
+    """Return --verbose, which prints ``more``."""
+    everything = {"json": "--json has everything"}
+    return flag("--verbose", f"print {more} too", excludes=everything)
+
+
+def answer(files: str) -> tuple[Option, Option]:
+    """Return --out for the result ``files``, and --json."""
+    return (
+        opt("--out", path_named, "DIR", f"folder for {files} (default: out)"),
+        flag("--json", "print one JSON object; files only with --out"),
     )
-    parser.add_argument(
-        "--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4 .parquet .mcap"
-    )
-
-
-def add_json(parser: Parser) -> None:
-    """Add the option --json."""
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-
-
-def add_verbose(parser: Parser, more: str) -> None:
-    """Add --verbose, which prints ``more``."""
-    parser.add_argument(
-        "--verbose",
-        excludes={"json": "--json has everything"},
-        action="store_true",
-        help=f"print {more} too",
-    )
-
-
-def add_answer(parser: Parser, files: str) -> None:
-    """Add --out for the result ``files``, and --json."""
-    parser.add_argument(
-        "--out", type=path_named, metavar="DIR", help=f"folder for {files} (default: out)"
-    )
-    parser.add_argument(
-        "--json", action="store_true", help="print one JSON object; files only with --out"
-    )
-
-
-def add_numbers(parser: Parser) -> None:
-    """Add --out for the numbers of a study, and --json."""
-    parser.add_argument(
-        "--out",
-        type=path_named,
-        metavar="DIR",
-        help="folder for the numbers as JSON, and for finished cases until then",
-    )
-    add_json(parser)
 
 
 def folder_of(args: argparse.Namespace) -> Path | None:
     """Return the output folder; None if no files are written."""
     out: Path | None = args.out
     return out or (None if args.json else DEFAULT_OUT)
-
-
-def add_section(parser: Parser) -> None:
-    """Add the choice among the sections of a log whose times step."""
-    parser.add_argument(
-        "--section",
-        type=int,
-        metavar="N",
-        help="section of a log whose times step, by a clock that was set or a pause of more than a "
-        "minute (default: that with most frames)",
-    )

@@ -1,12 +1,13 @@
 """The parser of a command: each option says what it needs, what it excludes, and where it applies.
 
-An option is given where it is on the command line, whatever its value. Relations are declared where
-the option is: ``parser.add_argument("--ticks", needs=("bound",))``. A condition is the destination
+A command is a list of :data:`Option`, one a line, as :func:`opt` and :func:`flag` make them. An
+option is given where it is on the command line, whatever its value. Relations are declared where
+the option is: ``opt("--ticks", int, "N", "…", needs=("bound",))``. A condition is the destination
 of another option, ``"bound"``: that it is given; or ``"pace=lockstep"``: that it has this value.
 """
 
 import argparse
-from collections.abc import Collection, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
@@ -59,6 +60,12 @@ class Parser(argparse.ArgumentParser):
         super().__init__(**{**options, "allow_abbrev": False})
         self.add_argument("--help-all", action=_HelpAll, help="show the rare options too")
         self.add_argument("--trust", action="store_true", help="execute code that files name too")
+
+    def take(self, description: str, *options: "Option") -> None:
+        """Describe the command, and add its options in their order."""
+        self.description = description or None
+        for option in options:
+            option(self)
 
     def add_argument(
         self,
@@ -180,6 +187,49 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Report the error in one line on stderr and exit with 2."""
         raise UsageError(f"{message} (see '{self.prog} --help')")
+
+
+Option = Callable[[Parser], object]
+"""Adds itself to a parser."""
+
+
+def opt(
+    names: str,
+    kind: Any,  # noqa: ANN401
+    metavar: str | None,
+    help: str | None,
+    default: Any = None,  # noqa: ANN401
+    **more: Any,  # noqa: ANN401
+) -> Option:
+    """Return an option with a value, or an argument.
+
+    Args:
+        names: how it is written, several with spaces between.
+        kind: what reads its text; a tuple: the words that it may be.
+        metavar: what stands for the value in the help.
+        help: of it; "%(default)s" stands for the default.
+        default: value where it is not given.
+        more: its :class:`Relations`, and further keywords of argparse.
+    """
+    read = {"choices": kind} if isinstance(kind, tuple) else {"type": None if kind is str else kind}
+    named = {"metavar": metavar, "help": help, "default": default, **read, **more}
+    return lambda parser: parser.add_argument(*names.split(), **named)
+
+
+def flag(names: str, help: str, **more: Any) -> Option:  # noqa: ANN401
+    """Return a switch."""
+    more = {"action": "store_true", "help": help, **more}
+    return lambda parser: parser.add_argument(*names.split(), **more)
+
+
+def repeated(names: str, kind: Any, metavar: str, help: str, **more: Any) -> Option:  # noqa: ANN401
+    """Return an option that may be given several times, whose values are a list."""
+    return opt(names, kind, metavar, f"{help}; may be repeated", action="append", **more)
+
+
+def related(relations: Relations, *names: str) -> Option:
+    """Return what declares relations of options before it, by their destinations."""
+    return lambda parser: parser.relate(relations, *names)
 
 
 class _HelpAll(argparse.Action):

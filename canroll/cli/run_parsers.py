@@ -2,20 +2,20 @@
 
 from canroll.cli.options import (
     DEFAULT_SCENARIO,
+    JSON,
+    NUMBERS,
     OF_A_RUN,
-    add_answer,
-    add_choices,
-    add_execution,
-    add_json,
-    add_numbers,
-    add_recording,
-    add_scenario,
-    add_spread,
-    add_verbose,
+    RECORDING,
+    SPREAD,
+    answer,
+    choices,
+    execution,
     path_named,
     scenario,
+    scenario_named,
+    verbose,
 )
-from canroll.cli.parser import Parser, Relations
+from canroll.cli.parser import Parser, Relations, flag, opt, related
 from canroll.setup.choices import CHOICES, OF_ONE_MANOEUVRE
 
 DEFAULT_SPEEDS = "60:120:20"
@@ -24,188 +24,137 @@ CONTROL = ("law", "calibration")
 """Choices of which one adds the controlled vehicle to a handling test."""
 WITHOUT_EFFECT = ("vehicle", "plant", "speed_kmh", "options", "faults", "fault_file")
 """Choices of a run that a handling test makes itself, has already, or does without."""
+AT_ANY_SPEED = [name for name in OF_A_RUN if name != "speed_kmh"]
+OF_THE_CONTROLLED = [name for name in OF_A_RUN if name not in {*CONTROL, *WITHOUT_EFFECT}]
+CONTROLLED = (
+    choices((*CONTROL, *OF_THE_CONTROLLED), defaults={"law": None}),
+    related(Relations(needs=CONTROL, why="--law or --calibration"), *OF_THE_CONTROLLED),
+)
+"""Options of the controlled vehicle, which is driven if a law or calibration is given."""
+LINEAR = ("linear",)
 
 
 def run(parser: Parser) -> None:
     """Run a manoeuvre in virtual time, with and without control."""
-    parser.description = "Drive a manoeuvre in virtual time, without and with control, and report."
-    add_scenario(parser)
-    add_choices(parser, CHOICES)
-    add_recording(parser)
-    parser.add_argument(
-        "--no-trace",
-        dest="trace",
-        action="store_false",
-        help="without trace.npz, some 40 MB a minute: the run cannot be read again",
-    )
-    add_answer(parser, "report, log, header")
-    add_verbose(parser, "response times, trigger and phase")
+    parser.take(
+        "Drive a manoeuvre in virtual time, without and with control, and report.",
+        scenario_named(),
+        choices(CHOICES),
+        *RECORDING,
+        flag("--no-trace", "without trace.npz, some 40 MB a minute: the run cannot be read again",
+             dest="trace", action="store_false"),
+        *answer("report, log, header"),
+        verbose("response times, trigger and phase"),
+    )  # fmt: skip
 
 
 def compare(parser: Parser) -> None:
     """Compare several runs or laws on one page."""
-    parser.description = (
+    parser.take(
         "Drive the same manoeuvre with several controllers and compare them; saved runs are read "
-        "from their folders. Options apply to the new runs."
-    )
-    parser.add_argument(
-        "runs",
-        nargs="+",
-        metavar="RUN",
-        help="a law, a calibration file, choices as law=lqr,bus=gateway_20ms,name=slow, or the "
-        "folder of a saved run",
-    )
-    parser.add_argument(
-        "--scenario",
-        type=scenario,
-        default=DEFAULT_SCENARIO,
-        help="manoeuvre (default: %(default)s)",
-    )
-    add_choices(parser, CHOICES)
-    add_execution(parser, "run", "resume")
-    add_answer(parser, "the page")
+        "from their folders. Options apply to the new runs.",
+        opt("runs", str, "RUN", "a law, a calibration file, choices as "
+            "law=lqr,bus=gateway_20ms,name=slow, or the folder of a saved run", nargs="+"),
+        opt("--scenario", scenario, None, "manoeuvre (default: %(default)s)", DEFAULT_SCENARIO),
+        choices(CHOICES),
+        execution("run", "resume"),
+        *answer("the page"),
+    )  # fmt: skip
 
 
 def sweep(parser: Parser) -> None:
     """Run over a range of speeds or over several laws."""
     parser.handler = "canroll.cli.compare:sweep"
-    parser.description = (
-        "Drive a manoeuvre at several speeds with one or several laws, calibrations or settings."
-    )
-    parser.add_argument(
-        "what",
-        nargs="*",
-        metavar="SCENARIO|RUN",
-        help=f"manoeuvre (default: {DEFAULT_SCENARIO}), and what to drive, as of compare: a law, "
-        "a calibration file, or choices as law=lqr,bus=gateway_20ms (default: options)",
-    )
-    parser.add_argument(
-        "--speed",
-        dest="speeds",
-        metavar="FROM:TO:STEP",
-        default=DEFAULT_SPEEDS,
-        help="default: %(default)s",
-    )
-    names = [name for name in OF_A_RUN if name != "speed_kmh"]
-    add_choices(parser, names, several=("law",))
-    add_execution(parser, "run", "resume")
-    add_answer(parser, "the page")
+    parser.take(
+        "Drive a manoeuvre at several speeds with one or several laws, calibrations or settings.",
+        opt("what", str, "SCENARIO|RUN", f"manoeuvre (default: {DEFAULT_SCENARIO}), and what to "
+            "drive, as of compare: a law, a calibration file, or choices as "
+            "law=lqr,bus=gateway_20ms (default: options)", nargs="*"),
+        opt("--speed", str, "FROM:TO:STEP", "default: %(default)s", DEFAULT_SPEEDS, dest="speeds"),
+        choices(AT_ANY_SPEED, several=("law",)),
+        execution("run", "resume"),
+        *answer("the page"),
+    )  # fmt: skip
 
 
 def report(parser: Parser) -> None:
     """Evaluate a saved run again and write its page."""
     parser.handler = "canroll.cli.run:report"
-    parser.description = (
+    parser.take(
         "Read a run from the folder written by 'canroll run' or 'canroll hil', evaluate it again "
-        "and write its page. Several runs on one page: 'canroll compare FOLDER FOLDER'."
+        "and write its page. Several runs on one page: 'canroll compare FOLDER FOLDER'.",
+        opt("folder", path_named, "FOLDER", "folder of a saved run"),
+        opt("--out", path_named, "FILE", "the page (default: report.html in the folder)"),
+        JSON,
+        verbose("response times, trigger and phase"),
     )
-    parser.add_argument("folder", type=path_named, metavar="FOLDER", help="folder of a saved run")
-    parser.add_argument(
-        "--out",
-        type=path_named,
-        metavar="FILE",
-        help="the page (default: report.html in the folder)",
-    )
-    add_json(parser)
-    add_verbose(parser, "response times, trigger and phase")
 
 
 def limit(parser: Parser) -> None:
     """Highest speed at which a manoeuvre passes."""
     parser.handler = "canroll.cli.vehicle_tests:limit"
-    parser.description = (
+    parser.take(
         "Bisect the entry speed for the highest at which the manoeuvre's criteria are met, without "
         "and with control: no two wheels of a side two inches off the road, no cone hit, the yaw "
-        "rate decayed, as required by its standard."
+        "rate decayed, as required by its standard.",
+        scenario_named(),
+        choices(AT_ANY_SPEED),
+        opt("--from", float, "KMH", None, 30.0, dest="low"),
+        opt("--to", float, "KMH", "default: fastest", dest="high"),
+        opt("--tolerance", float, "KMH", "final bracket (default: 0.5)", 0.5),
+        JSON,
     )
-    add_scenario(parser)
-    names = [name for name in OF_A_RUN if name != "speed_kmh"]
-    add_choices(parser, names)
-    parser.add_argument("--from", dest="low", type=float, default=30.0, metavar="KMH")
-    parser.add_argument("--to", dest="high", type=float, metavar="KMH", help="default: fastest")
-    parser.add_argument(
-        "--tolerance", type=float, default=0.5, metavar="KMH", help="final bracket (default: 0.5)"
-    )
-    add_json(parser)
-
-
-def _add_control(parser: Parser) -> None:
-    """Add the choices of the controlled vehicle, which is driven if a law or calibration is."""
-    others = [name for name in OF_A_RUN if name not in {*CONTROL, *WITHOUT_EFFECT}]
-    add_choices(parser, (*CONTROL, *others), defaults={"law": None})
-    parser.relate(Relations(needs=CONTROL, why="--law or --calibration"), *others)
-    parser.asked = CONTROL
 
 
 def understeer(parser: Parser) -> None:
     """Understeer and roll gradient on a circle (ISO 4138)."""
     parser.handler = "canroll.cli.vehicle_tests:understeer"
-    parser.description = (
+    parser.asked = CONTROL
+    parser.take(
         "Drive a circle at increasing speed; steering, roll and sideslip of each steady turn, and "
-        "the gradients of their linear part. With --law or --calibration without and with control."
+        "the gradients of their linear part. With --law or --calibration without and with control.",
+        choices(("vehicle", "plant")),
+        *CONTROLLED,
+        opt("--radius", float, "M", "default: 100", 100.0),
+        JSON,
     )
-    add_choices(parser, ("vehicle", "plant"))
-    _add_control(parser)
-    parser.add_argument("--radius", type=float, default=100.0, metavar="M", help="default: 100")
-    add_json(parser)
 
 
 def response(parser: Parser) -> None:
     """Yaw and roll frequency response to steering (ISO 7401)."""
     parser.handler = "canroll.cli.vehicle_tests:response"
-    parser.description = (
+    parser.asked = CONTROL
+    parser.take(
         "Steer in sines of rising frequency; yaw rate, lateral acceleration and roll angle per "
         "steering-wheel angle. With --law or --calibration without and with control. With "
         "--linear: the plant linearised about straight running or a steady curve, its modes, its "
-        "responses to moment and steering, and its distance to the design model."
-    )
-    add_choices(parser, ("vehicle", "plant"))
-    _add_control(parser)
-    parser.relate(Relations(excludes={"linear": "--linear drives nothing"}), *CONTROL)
-    parser.add_argument("--speed", type=float, default=100.0, metavar="KMH", help="default: 100")
-    parser.add_argument(
-        "--load", choices=LOADS, default=LOADS[0], help="laden or empty (default: %(default)s)"
-    )
-    parser.add_argument("--linear", action="store_true", help="linearise instead of steering")
-    linear = ("linear",)
-    parser.add_argument(
-        "--lateral-acceleration",
-        needs=linear,
-        type=float,
-        metavar="M/S2",
-        help="with --linear: that of the steady curve (default: 0, straight ahead)",
-    )
-    parser.add_argument(
-        "--friction",
-        needs=linear,
-        type=float,
-        metavar="MU",
-        help="with --linear: that of the road (default: 1)",
-    )
-    parser.add_argument(
-        "--out",
-        needs=(*linear, *CONTROL),
-        why="--linear, --law or --calibration",
-        type=path_named,
-        metavar="DIR",
-        help="with --linear, --law or --calibration: write response.png there",
-    )
-    add_json(parser)
+        "responses to moment and steering, and its distance to the design model.",
+        choices(("vehicle", "plant")),
+        *CONTROLLED,
+        related(Relations(excludes={"linear": "--linear drives nothing"}), *CONTROL),
+        opt("--speed", float, "KMH", "default: 100", 100.0),
+        opt("--load", LOADS, None, "laden or empty (default: %(default)s)", LOADS[0]),
+        flag("--linear", "linearise instead of steering"),
+        opt("--lateral-acceleration", float, "M/S2", "with --linear: that of the steady curve "
+            "(default: 0, straight ahead)", needs=LINEAR),
+        opt("--friction", float, "MU", "with --linear: that of the road (default: 1)",
+            needs=LINEAR),
+        opt("--out", path_named, "DIR", "with --linear, --law or --calibration: write response.png "
+            "there", needs=(*LINEAR, *CONTROL), why="--linear, --law or --calibration"),
+        JSON,
+    )  # fmt: skip
 
 
 def severe(parser: Parser) -> None:
     """Severe manoeuvres over a population of vehicles."""
     parser.handler = "canroll.cli.vehicle_tests:severe"
-    parser.description = (
+    parser.take(
         "Drive lane changes, fishhook, J-turn, sine with dwell and one-sided bumps with a "
         "population of vehicles: without control, with the best passive bar, with the plain "
-        "feedforward, and with a law."
+        "feedforward, and with a law.",
+        choices([name for name in OF_A_RUN if name not in OF_ONE_MANOEUVRE]),
+        opt("--runs", int, "N", "vehicles (default: %(default)s)", 20),
+        SPREAD,
+        execution("pair of manoeuvre and vehicle"),
+        *NUMBERS,
     )
-    names = [name for name in OF_A_RUN if name not in OF_ONE_MANOEUVRE]
-    add_choices(parser, names)
-    parser.add_argument(
-        "--runs", type=int, default=20, metavar="N", help="vehicles (default: %(default)s)"
-    )
-    add_spread(parser)
-    add_execution(parser, "pair of manoeuvre and vehicle")
-    add_numbers(parser)

@@ -1,13 +1,8 @@
 """The options of ``canroll export-fmu``."""
 
 from canroll.cli.design_parsers import OF_AN_EXPORT
-from canroll.cli.options import (
-    DEFAULT_SCENARIO,
-    add_choices,
-    path_named,
-    scenario,
-)
-from canroll.cli.parser import Parser, Relations
+from canroll.cli.options import DEFAULT_SCENARIO, choices, path_named, scenario
+from canroll.cli.parser import Parser, Relations, opt, related
 from canroll.setup.choices import CHOICES
 
 OF_AN_FMU = {
@@ -23,34 +18,24 @@ OF_AN_FMU = {
 PORTS = ("can", "signals")
 
 
+OF_KINDS = {
+    name: tuple(kind for kind, names in OF_AN_FMU.items() if name in names) for name in CHOICES
+}
+
+
 def export_fmu(parser: Parser) -> None:
     """Export ECU, plant or bus as an FMU (FMI 3.0)."""
-    parser.add_argument("kind", choices=tuple(OF_AN_FMU), help="part of the run")
-    parser.add_argument("out", type=path_named, metavar="OUT.fmu", help="file to write")
-    parser.add_argument(
-        "--ports",
-        only=("ecu", "plant"),
-        choices=PORTS,
-        default=PORTS[0],
-        help="CAN terminals (fmi-ls-bus), or plain signals (default: %(default)s)",
-    )
-    for name in CHOICES:
-        kinds = [kind for kind, names in OF_AN_FMU.items() if name in names]
-        if kinds:
-            add_choices(parser, (name,))
-            parser.relate(Relations(only=tuple(kinds)), name)
-    parser.add_argument(
-        "--scenario",
-        only=("plant", "vehicle"),
-        type=scenario,
-        default=DEFAULT_SCENARIO,
-        help="plant and vehicle: the manoeuvre (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--nodes",
-        only=("bus",),
-        type=int,
-        default=0,
-        metavar="N",
-        help="bus: further nodes, on the first segment (default: %(default)s)",
-    )
+    applying = [name for name, kinds in OF_KINDS.items() if kinds]
+    parser.take(
+        "",
+        opt("kind", tuple(OF_AN_FMU), None, "part of the run"),
+        opt("out", path_named, "OUT.fmu", "file to write"),
+        opt("--ports", PORTS, None, "CAN terminals (fmi-ls-bus), or plain signals (default: "
+            "%(default)s)", PORTS[0], only=("ecu", "plant")),
+        choices(applying),
+        *(related(Relations(only=OF_KINDS[name]), name) for name in applying),
+        opt("--scenario", scenario, None, "plant and vehicle: the manoeuvre (default: "
+            "%(default)s)", DEFAULT_SCENARIO, only=("plant", "vehicle")),
+        opt("--nodes", int, "N", "bus: further nodes, on the first segment (default: %(default)s)",
+            0, only=("bus",)),
+    )  # fmt: skip

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from canroll.extensions.car.cli import options
 from canroll.cli.main import main
+from canroll.extensions.car.cli import options
 from canroll.extensions.car.tyres.measured import AXES
 from vehicles.tyres import tir
 from vehicles.tyres.magic_formula import Coefficients
