@@ -31,10 +31,10 @@ def bus(parser: Parser) -> None:
             "or the name of a bus; or bus log; one of several buses or channels: FILE#NAME; with "
             "the bit rate of a log: LOG@RATE"),
         choices(("dbc", "map")),
-        opt("-b --bitrate", int, "B", "bit rate, bit/s; default: that of the file, of a log: "
-            "inferred or assumed", **WITH_A_RATE),
+        opt("-b --bitrate", int, "B", "bit rate, bit/s; default: that of the file; of a log "
+            "it has to be given", **WITH_A_RATE),
         opt("--data-bitrate", int, "B", "data bit rate of FD frames, bit/s; default: that of the "
-            "file, of a log: inferred or assumed", **WITH_A_RATE),
+            "file; of a log likewise", **WITH_A_RATE),
         opt("--period", float, "MS", "period of the messages of a database that have no cycle "
             "time; default: left out", only=(DATABASE,),
             outside=" is of messages without a cycle time: {file} is a {mode}"),

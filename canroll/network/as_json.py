@@ -119,21 +119,11 @@ def log_json(answer: Answer) -> dict[str, Any]:
 def _evidence(recorded: InferredMessage | None) -> dict[str, Any]:
     if recorded is None:
         return {}
-    arrivals = recorded.arrivals
     return {
-        "kind": arrivals.kind,
-        "cycle_ms": arrivals.cycle * MS or None,
-        "offset_ms": arrivals.offset * MS if arrivals.cycle else None,
-        "distance_ms": arrivals.distance * MS or None,
+        "kind": "event-driven" if recorded.assumed else "periodic",
+        "distance_ms": recorded.message.distance_ns * MS or None,
         "lengths": list(recorded.lengths),
-        "frames": arrivals.frames,
-        "between": arrivals.between,
-        "missing": arrivals.missing,
-        "restarts": arrivals.restarts,
-        "exact": arrivals.exact,
-        "uncertainty_ms": arrivals.uncertainty * MS,
-        "residual_ms": arrivals.residual * MS,
-        "confidence": arrivals.confidence,
+        "frames": recorded.frames,
     }
 
 

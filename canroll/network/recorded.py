@@ -15,8 +15,7 @@ from plant_sim.can_bus.network.own_frames import messages_of, own_messages
 from plant_sim.can_bus.network.routing import RoutedNetwork
 from plant_sim.can_bus.simulation.response_times import NetworkSimulation
 from plant_sim.can_bus.traffic.added_messages import joined, missing_from
-from plant_sim.can_bus.traffic.arrivals import EVENT, MIXED, Arrivals
-from plant_sim.can_bus.traffic.inference import InferredBus, infer_bus, infer_buses
+from plant_sim.can_bus.traffic.inference import InferredBus, infer_buses
 from plant_sim.can_bus.traffic.log_reader import Progress
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import REMOTE
@@ -57,8 +56,7 @@ class Added:
 class ExtendedLog:
     """A bus log, on every channel of which messages are added.
 
-    ``channel`` None: all; ``bitrate``, ``data_bitrate`` None: inferred; ``section``: of a log whose
-    times step.
+    ``channel`` None: all; ``section``: of a log whose times step.
     """
 
     path: Path
@@ -71,16 +69,14 @@ class ExtendedLog:
     def analyse(self, options: AnalysisOptions, progress: Progress) -> list[Answer]:
         """Return the result of every channel."""
         options.check_names(self.added.messages(self.added.loop(options).command))
-        rates: dict[str, Any] = {
-            "bitrate": self.bitrate,
-            "data_bitrate": self.data_bitrate,
-            "section": self.section,
-            "progress": progress,
-        }
-        if self.channel is None:
-            buses = infer_buses(self.path, **rates)
-        else:
-            buses = [infer_bus(self.path, channel=self.channel, **rates)]
+        buses = infer_buses(
+            self.path,
+            channel=self.channel,
+            bitrate=self.bitrate,
+            data_bitrate=self.data_bitrate,
+            section=self.section,
+            progress=progress,
+        )
         return [self._answer(bus, options) for bus in buses]
 
     def as_json(self, answers: Sequence[Answer]) -> dict[str, Any]:
@@ -90,7 +86,7 @@ class ExtendedLog:
     def _answer(self, bus: InferredBus, options: AnalysisOptions) -> Answer:
         loop = self.added.loop(options, bus)
         messages = self.added.messages(loop.command)
-        rates = {"bitrate": bus.rate.nominal, "data_bitrate": bus.rate.data}
+        rates = {"bitrate": bus.bitrate, "data_bitrate": bus.data_bitrate}
         everything = RoutedNetwork.one_bus(joined(bus, messages), **rates)
         # no ages: the log may have frames of our own messages, which would be sent twice
         delay = delay_over(everything, loop, replace(options, duration_s=0.0))
@@ -113,7 +109,7 @@ class ExtendedLog:
             delay,
             head=_head(self.path.name, segment, bus),
             added=self.added.name,
-            warnings=bus.warnings,
+            warnings=bus.recording.remarks,
             notes=tuple(_notes(bus, rows)),
             facts=_facts(bus),
         )
@@ -149,30 +145,25 @@ def _remote(bus: InferredBus) -> int:
 def _facts(bus: InferredBus) -> dict[str, Any]:
     """Return the keys of the JSON object on the channel itself."""
     return {
-        "bitrate_evidence": bus.rate.pairs,
-        "assumed": list(bus.rate.assumed),
-        "too_close": bus.rate.too_close,
+        "too_close": bus.too_close,
         "duration_s": bus.recording.duration_s,
         "frames": len(bus.recording.frames.t_ns),
         "remote_frames": _remote(bus),
-        "error_frames": bus.errors,
-        "remarks": list(bus.warnings),
+        "error_frames": bus.recording.errors,
+        "remarks": list(bus.recording.remarks),
     }
 
 
 def _head(name: str, segment: SegmentAnswer, bus: InferredBus) -> str:
     """Return the line on frames and bit rate of the channel."""
-    rate = bus.rate
-    source = f"inferred from {rate.pairs} frames without a pause" if rate.pairs else "as given"
-    source = "assumed" if rate.assumed else source
     remote = f" ({_remote(bus)} of them remote)" if _remote(bus) else ""
     line = (
         f"{name}, channel {bus.channel}: {len(bus.recording.frames.t_ns)} frames{remote} in"
-        f" {bus.recording.duration_s:g} s at {segment.kilobits} kbit/s ({source})"
+        f" {bus.recording.duration_s:g} s at {segment.kilobits} kbit/s"
     )
-    if rate.too_close > _MANY_TOO_CLOSE:
+    if bus.too_close > _MANY_TOO_CLOSE:
         line += (
-            f"\n{rate.too_close:.1%} of the frames come sooner than that rate allows: the times"
+            f"\n{bus.too_close:.1%} of the frames come sooner than that rate allows: the times"
             " of the log are those of a driver, or the rate is higher"
         )
     return line
@@ -181,22 +172,15 @@ def _head(name: str, segment: SegmentAnswer, bus: InferredBus) -> str:
 def _notes(bus: InferredBus, rows: Sequence[MessageRow]) -> list[str]:
     """Return the lines on what is not periodic, and on errors."""
     lines = []
-    for kind in (MIXED, EVENT):
-        chosen = [m for m in bus.messages if m.arrivals.kind == kind]
-        if chosen:
-            spreads = (f"{m.message.ident:X} ({_spread(m.arrivals)})" for m in chosen)
-            lines.append(f"{kind}: {', '.join(spreads)}")
+    events = [m for m in bus.messages if m.assumed]
+    if events:
+        counts = (f"{m.message.ident:X} ({m.frames})" for m in events)
+        lines.append(f"event-driven (frames): {', '.join(counts)}")
     if any(row.assumes for row in rows):
         lines.append("* assuming these are no more frequent than in the log")
-    if bus.errors:
-        frames = "error frame" if bus.errors == 1 else "error frames"
-        lines.append(f"{bus.errors} {frames} in the log: allow for them by --error-interval")
+    if bus.recording.errors:
+        frames = "error frame" if bus.recording.errors == 1 else "error frames"
+        lines.append(
+            f"{bus.recording.errors} {frames} in the log: allow for them by --error-interval"
+        )
     return lines
-
-
-def _spread(arrivals: Arrivals) -> str:
-    """Return the recorded spread of frames that are not, or not all, on a time grid."""
-    if arrivals.kind == MIXED:
-        text = f"{arrivals.between} of {arrivals.frames} between the periodic ones"
-        return text + (f", {arrivals.restarts} restarts" if arrivals.restarts else "")
-    return f"{arrivals.frames} frame" + ("s" if arrivals.frames != 1 else "")

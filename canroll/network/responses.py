@@ -91,7 +91,7 @@ def bus(
         file: built-in bus, network (.toml, .dbc, .kcd, .arxml, .sym), traffic set or log.
         dbc: own frames, one file or several.
         map: which of their signals the loop reads and sends.
-        bitrate: bit/s; None: that of the file, of a log inferred.
+        bitrate: bit/s; None: that of the file, of a log the one of its name.
         data_bitrate: of the data of FD frames, bit/s.
         period_ms: of the messages of a database that have no cycle time; None: left out.
         simulate_s: simulated time, s; 0: bounds alone.

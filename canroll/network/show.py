@@ -8,7 +8,6 @@ from rich.table import Table
 
 from canroll.network.answer import MS, Answer, LoopNames, MessageRow, PathDelay, SegmentAnswer
 from plant_sim.can_bus.bounds.analysis import ResponseBound
-from plant_sim.can_bus.traffic.arrivals import MIXED
 
 Column = tuple[str, Callable[[MessageRow], str]]
 
@@ -29,12 +28,7 @@ def _limit(row: MessageRow, bound: ResponseBound | None) -> str:
 def _period(row: MessageRow) -> str:
     if row.evidence is None or not row.evidence.assumed:
         return f"{row.message.period_ns * MS:.5g}"
-    arrivals = row.evidence.arrivals
-    return (
-        f"{arrivals.cycle * MS:.5g} +"
-        if arrivals.kind == MIXED
-        else f"≥ {arrivals.distance * MS:.3g}"
-    )
+    return f"≥ {row.message.distance_ns * MS:.3g}"
 
 
 def _jitter(row: MessageRow) -> str:
@@ -52,13 +46,7 @@ def _lengths(row: MessageRow) -> str:
 
 
 def _frames(row: MessageRow) -> str:
-    return f"{row.evidence.arrivals.frames}" if row.evidence else ""
-
-
-def _confidence(row: MessageRow) -> str:
-    if row.evidence is None:
-        return ""
-    return "–" if row.evidence.assumed else f"{row.evidence.arrivals.confidence:.0%}"
+    return f"{row.evidence.frames}" if row.evidence else ""
 
 
 ON_SEGMENT: Sequence[Column] = (
@@ -78,7 +66,6 @@ RECORDED: Sequence[Column] = (
     ("period", _period),
     ("jitter", _jitter),
     ("frames", _frames),
-    ("conf.", _confidence),
     ("seen", lambda row: _time(row.longest_ns)),
     ("bound", lambda row: _limit(row, row.before)),
     ("after", lambda row: _limit(row, row.bound)),

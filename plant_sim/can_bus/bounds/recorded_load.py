@@ -32,9 +32,7 @@ def effects(
     """
     recorded = [m.message for m in bus.messages]
     before, after = (
-        response_bounds(
-            messages, bitrate=bus.rate.nominal, data_bitrate=bus.rate.data, errors=errors
-        )
+        response_bounds(messages, bitrate=bus.bitrate, data_bitrate=bus.data_bitrate, errors=errors)
         for messages in (recorded, [*recorded, *added])
     )
     rows: list[Effect] = []

@@ -1,4 +1,4 @@
-"""A bus log as a bus profile, for ``--bus recording.blf``, or ``recording.blf#1@500000``."""
+"""A bus log as a bus profile, for ``--bus recording.blf@500000``, or ``recording.blf#1@500000``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -7,9 +7,8 @@ from canroll.errors import CanrollError
 from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.kernel.layout import Network
 from plant_sim.can_bus.traffic.added_messages import missing_from
-from plant_sim.can_bus.traffic.inference import InferredBus, infer_channel
+from plant_sim.can_bus.traffic.inference import InferredBus, infer_buses
 from plant_sim.can_bus.traffic.log_name import log_name
-from plant_sim.can_bus.traffic.log_reader import read_log, select_channel
 from plant_sim.can_bus.traffic.looped import LoopedFrames, LoopedTraffic, loop_of
 from plant_sim.can_bus.traffic.messages import BusMessage
 
@@ -27,8 +26,8 @@ class RecordedProfile(BusProfile):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was left out of the log, and which rate is assumed."""
-        return tuple(f"{self.name}: {text}" for text in self.bus.warnings)
+        """What was left out of the log."""
+        return tuple(f"{self.name}: {text}" for text in self.bus.recording.remarks)
 
     def background(self, own: Sequence[BusMessage]) -> tuple[BusMessage, ...]:
         """Return the recorded messages other than ``own``.
@@ -61,28 +60,21 @@ class RecordedProfile(BusProfile):
 
 
 def read_profile(name: str) -> RecordedProfile:
-    """Return the profile of a log, or of one channel of it: ``log.blf#channel``.
+    """Return the profile of a log, or of one channel of it, with its bit rates.
 
-    Its bit rates may follow, ``log.blf@500000`` or ``log.blf@500000/2000000``; else they are
-    inferred.
+    ``log.blf@500000``, ``log.blf#channel@500000/2000000``.
 
     Raises:
-        CanrollError: it cannot be read, has no such channel or several, or its bit rate can
-            neither be inferred nor assumed.
+        CanrollError: it cannot be read, has no such channel or several, or its name has no bit
+            rate.
     """
     log = log_name(name)
     if log is None:
         raise CanrollError(f"{name}: no bus log")
-    path, channel = log.path, log.channel or ""
-    channels = {known: logged for known, logged in read_log(path).items() if len(logged.ident)}
-    if channel not in channels and (channel or len(channels) > 1):
-        names = ", ".join(f"{path}#{known}" for known in channels)
-        raise CanrollError(f"{path}: choose a channel of it: {names}")
-    logged = select_channel(path, channels, channel or None)
-    try:
-        bus = infer_channel(logged, log.bitrate, log.data_bitrate)
-    except CanrollError as error:
-        raise CanrollError(f"{path}: {error}") from error
+    bus, *others = infer_buses(**log._asdict())
+    if others:
+        names = ", ".join(f"{log.path}#{known.channel}" for known in (bus, *others))
+        raise CanrollError(f"{log.path}: choose a channel of it: {names}")
     return RecordedProfile(
-        name=name, bitrate=bus.rate.nominal, data_bitrate=bus.rate.data, load=bus.load, bus=bus
+        name=name, bitrate=bus.bitrate, data_bitrate=bus.data_bitrate, load=bus.load, bus=bus
     )

@@ -25,16 +25,16 @@ def missing_from(bus: InferredBus, messages: Sequence[BusMessage]) -> list[BusMe
 
 
 def _same(inferred: InferredMessage | None, message: BusMessage) -> bool:
-    if inferred is None or inferred.message.length != message.length:
+    if inferred is None or inferred.assumed or inferred.message.length != message.length:
         return False
-    off = abs(inferred.arrivals.cycle - message.period_ns)
+    off = abs(inferred.message.period_ns - message.period_ns)
     return off <= _SAME_PERIOD * message.period_ns
 
 
 def _no_more_often(inferred: InferredMessage | None, message: BusMessage, span_ns: int) -> bool:
     if inferred is None or inferred.message.length != message.length:
         return False
-    return inferred.arrivals.frames * message.period_ns <= (1 + _SAME_PERIOD) * span_ns
+    return inferred.frames * message.period_ns <= (1 + _SAME_PERIOD) * span_ns
 
 
 def joined(bus: InferredBus, messages: Sequence[BusMessage]) -> list[BusMessage]:

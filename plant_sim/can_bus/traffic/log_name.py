@@ -21,7 +21,7 @@ def suffix_of(path: Path) -> str:
 
 
 class LogName(NamedTuple):
-    """What a name says; None: not stated, and to be inferred."""
+    """What a name says; None: not stated."""
 
     path: Path
     channel: str | None

@@ -39,8 +39,7 @@ class Logged(NamedTuple):
     Times of reception in nanoseconds, 0 at the log's first frame of any channel, or at the first
     one of a section; whole microseconds, which is what logs hold. ``nominal_bits`` and
     ``data_bits``: lengths on the wire, see ``frame_bits``. ``errors_ns``: times of the error
-    frames, which are not among the others. ``cuts_ns``: instants between frames where others, of
-    another section, were cut out. ``remarks``: what was left out, and why.
+    frames, which are not among the others. ``remarks``: what was left out, and why.
     """
 
     channel: str
@@ -52,7 +51,6 @@ class Logged(NamedTuple):
     nominal_bits: NDArray[np.int64]
     data_bits: NDArray[np.int64]
     errors_ns: NDArray[np.int64]
-    cuts_ns: NDArray[np.int64]
     remarks: tuple[str, ...]
 
 
@@ -193,8 +191,6 @@ def _logged(
     """Return the messages of a channel in a section's rows, in the order of their times."""
     if len(rows) < len(stamps):
         stamps = stamps - stamps[rows].min()
-    joints = np.flatnonzero(np.diff(rows) > 1)
-    cuts = (stamps[rows[joints]] + stamps[rows[joints + 1]]) // 2
     rows = rows[np.argsort(stamps[rows], kind="stable")]
     errors = np.array([messages[row].is_error_frame for row in rows], bool)
     chosen = rows[~errors]
@@ -219,7 +215,6 @@ def _logged(
         bits[:, 0],
         bits[:, 1],
         stamps[rows[errors]],
-        cuts,
         (),
     )
 

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.can_bus.traffic.bit_rate import BitRate
 from plant_sim.can_bus.traffic.log_playback import start_times
 from plant_sim.can_bus.traffic.log_reader import Logged, transmission_times
 from plant_sim.can_bus.wire.frame import arbitration_key, duration_ns, worst_case_bits
@@ -26,28 +25,27 @@ _PAUSE_BITS = 3
 class QueueTimes(NamedTuple):
     """Frames of a log in the order of their starts, one entry per frame, times in ns.
 
-    Each was queued between ``earliest`` and ``start`` of its transmission; ``exact``: at ``start``,
-    on an idle bus. ``end``: of its interframe space. ``order``: its index in the log.
+    Each was queued between ``earliest`` and ``start`` of its transmission, on an idle bus at
+    ``start``. ``end``: of its interframe space. ``order``: its index in the log.
     """
 
     order: NDArray[np.int64]
     earliest: NDArray[np.int64]
     start: NDArray[np.int64]
     end: NDArray[np.int64]
-    exact: NDArray[np.bool_]
 
 
-def queue_times(logged: Logged, rate: BitRate) -> QueueTimes:
+def queue_times(logged: Logged, bitrate: int, data_bitrate: int) -> QueueTimes:
     """Return the interval in which every frame of a channel was queued."""
-    started = start_times(logged, bitrate=rate.nominal, data_bitrate=rate.data)
+    started = start_times(logged, bitrate=bitrate, data_bitrate=data_bitrate)
     order = np.argsort(started, kind="stable")
     start = started[order]
-    taken = transmission_times(logged.nominal_bits, logged.data_bits, rate.nominal, rate.data)
+    taken = transmission_times(logged.nominal_bits, logged.data_bits, bitrate, data_bitrate)
     end = start + taken[order]
     pairs = zip(logged.ident[order].tolist(), logged.flags[order].tolist(), strict=True)
     keys = [int(arbitration_key(ident, flags)) for ident, flags in pairs]
-    pause = _STAMP_NS + int(duration_ns(_PAUSE_BITS, rate.nominal))
-    broken = int(duration_ns(worst_case_bits(8, 1)[0], rate.nominal))
+    pause = _STAMP_NS + int(duration_ns(_PAUSE_BITS, bitrate))
+    broken = int(duration_ns(worst_case_bits(8, 1)[0], bitrate))
     idle = np.r_[True, start[1:] - end[:-1] > pause]
     errors = np.searchsorted(logged.errors_ns, start)
     disturbed = np.r_[errors[:1] > 0, np.diff(errors) > 0]
@@ -66,4 +64,4 @@ def queue_times(logged: Logged, rate: BitRate) -> QueueTimes:
         while at >= first and keys[at] <= keys[i]:
             at -= 1
         earliest[i] = start[at] if at >= first else min(floor, int(start[i]))
-    return QueueTimes(order, earliest, start, end, idle & ~disturbed)
+    return QueueTimes(order, earliest, start, end)

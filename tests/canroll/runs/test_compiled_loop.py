@@ -145,7 +145,7 @@ def recording(path):
                         channel=0,
                     )
                 )
-    return str(path)
+    return f"{path}@500000"
 
 
 def test_a_recorded_bus_is_the_same(monkeypatch, planned, tmp_path):

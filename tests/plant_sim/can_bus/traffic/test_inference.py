@@ -11,16 +11,20 @@ from plant_sim.can_bus import DELIVERED, Node, advance, build_network, drain, en
 from plant_sim.can_bus.bounds.analysis import response_bounds
 from plant_sim.can_bus.kernel.network import add_node
 from plant_sim.can_bus.simulation.response_times import traffic_spec
-from plant_sim.can_bus.traffic.arrivals import EVENT, MIXED, PERIODIC
-from plant_sim.can_bus.traffic.inference import infer_bus, infer_buses
+from plant_sim.can_bus.traffic.arrivals import find_arrivals
+from plant_sim.can_bus.traffic.inference import infer_buses
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
 
 MS = 1_000_000
 SECONDS = 8
 EVENTS = 0x7A
-MIXED_IDENT = 0x300
 SUFFIXES = (".asc", ".blf", ".log", ".pcap", ".pcapng")
+
+
+def infer_bus(path, **options):
+    (bus,) = infer_buses(path, **options)
+    return bus
 
 
 def frame_of(entry, channel=0, shift_s=0.0):
@@ -100,19 +104,16 @@ def test_a_log_gives_back_its_bus_and_bounds_every_response(tmp_path, seed):
     rng, bitrate, data_bitrate, messages = a_bus(seed)
     events = [(t, EVENTS) for t in poisson(rng, mean_ms=60, least_ms=4)] if seed % 2 else []
     entries = record(messages, bitrate=bitrate, data_bitrate=data_bitrate, seed=seed, events=events)
-    bus = infer_bus(write(tmp_path / f"bus{SUFFIXES[seed % 5]}", entries))
-    assert (bus.rate.nominal, bus.rate.data) == (bitrate, data_bitrate)
+    rates = {"bitrate": bitrate, "data_bitrate": data_bitrate}
+    bus = infer_bus(write(tmp_path / f"bus{SUFFIXES[seed % 5]}", entries), **rates)
     found = {(m.message.ident, m.message.flags & EXTENDED): m for m in bus.messages}
     bounds = {
-        b.message.name: b
-        for b in response_bounds(
-            bus.traffic.messages, bitrate=bus.rate.nominal, data_bitrate=bus.rate.data
-        )
+        b.message.name: b for b in response_bounds([m.message for m in bus.messages], **rates)
     }
     for truth in messages:
         known = found.pop((truth.ident, truth.flags & EXTENDED))
-        assert known.arrivals.kind == PERIODIC
-        assert known.arrivals.cycle == pytest.approx(truth.period_ns, rel=0.01)
+        assert not known.assumed
+        assert known.message.period_ns == pytest.approx(truth.period_ns, rel=0.01)
         assert known.message.length == truth.length
         assert known.message.flags == truth.flags
         own = entries[(entries["ident"] == truth.ident) & (entries["flags"] == truth.flags)]
@@ -122,27 +123,13 @@ def test_a_log_gives_back_its_bus_and_bounds_every_response(tmp_path, seed):
         assert (own["t_end"] - own["t_queued"]).max() <= bound.queued_ns
         assert (own["t_end"] - nominal).max() <= bound.bound_ns
         assert known.seen_ns <= bound.bound_ns
-        assert known.arrivals.jitter >= 0.9 * truth.jitter_ns
+        assert known.message.jitter_ns >= 0.9 * truth.jitter_ns
     if events:
         key = EVENTS, 0
         own = entries[entries["ident"] == EVENTS]
-        assert found.pop(key).arrivals.kind == EVENT
+        assert found.pop(key).assumed
         assert (own["t_end"] - own["t_queued"]).max() <= bounds["Recorded07A"].queued_ns
     assert found == {}
-
-
-def test_frames_between_those_of_a_grid_make_an_identifier_mixed(tmp_path):
-    rng = np.random.default_rng(1)
-    cyclic = range(5 * MS, SECONDS * 1000 * MS, 50 * MS)
-    events = [(t, MIXED_IDENT) for t in (*cyclic, *poisson(rng, mean_ms=400, least_ms=30))]
-    entries = record(a_bus(2)[3], bitrate=500_000, events=events)
-    known = {m.message.ident: m for m in infer_bus(write(tmp_path / "m.blf", entries)).messages}
-    found = known[MIXED_IDENT]
-    assert found.arrivals.kind == MIXED
-    assert found.assumed
-    assert found.arrivals.cycle == pytest.approx(50 * MS, rel=0.01)
-    assert found.arrivals.frames == len(events)
-    assert found.arrivals.between == pytest.approx(SECONDS * 1000 / 400, abs=5)
 
 
 def test_the_curve_of_events_admits_all_of_them_and_few_more(tmp_path):
@@ -151,26 +138,26 @@ def test_the_curve_of_events_admits_all_of_them_and_few_more(tmp_path):
     entries = record([], bitrate=500_000, events=[(t + 1, EVENTS) for t in times])
     path = write(tmp_path / "events.log", entries)
     (found,) = infer_bus(path, bitrate=500_000).messages
-    curve = found.arrivals
-    assert curve.kind == EVENT
-    assert curve.distance == pytest.approx(3 * MS, rel=0.01)
+    curve = found.message
+    assert found.assumed
+    assert curve.distance_ns == pytest.approx(3 * MS, rel=0.01)
     for window in (1 * MS, 3.5 * MS, 7 * MS, 10 * MS, 150 * MS, 250 * MS):
         seen = max(sum(t <= other < t + window for other in times) for t in times)
         most = min(
-            -(-(window + curve.jitter) // curve.period), -(-window // max(curve.distance, 1))
+            -(-(window + curve.jitter_ns) // curve.period_ns),
+            -(-window // max(curve.distance_ns, 1)),
         )
         assert seen <= most <= 2 * seen + 1
 
 
-def test_missing_frames_are_counted_and_change_no_period(tmp_path):
+def test_missing_frames_change_neither_period_nor_jitter(tmp_path):
     message = BusMessage("a", 0x100, 8, 10.0 * MS, "a", jitter_ns=MS, offset_ns=3 * MS)
     entries = record([message], bitrate=500_000)
     kept = np.delete(entries, [50, 51, 400])
     (found,) = infer_bus(write(tmp_path / "lost.blf", kept), bitrate=500_000).messages
-    assert found.arrivals.kind == PERIODIC
-    assert found.arrivals.missing == 3
-    assert found.arrivals.period == pytest.approx(10 * MS, rel=1e-4)
-    assert found.arrivals.confidence == pytest.approx((len(kept) - 1) / (len(kept) + 1), abs=2e-3)
+    assert not found.assumed
+    assert found.message.period_ns == pytest.approx(10 * MS, rel=1e-4)
+    assert found.message.jitter_ns <= 1.1 * MS
 
 
 def test_what_a_set_clock_moved_is_neither_missing_nor_a_change_of_period(tmp_path):
@@ -179,28 +166,28 @@ def test_what_a_set_clock_moved_is_neither_missing_nor_a_change_of_period(tmp_pa
     entries = record([message], bitrate=500_000, seconds=4)
     entries["t_received"][100:200] += 1000 * MS
     bus = infer_bus(write(tmp_path / "set.blf", entries), bitrate=500_000)
-    assert any("the times step forward by 1.01" in remark for remark in bus.remarks)
+    assert any("the times step forward by 1.01" in remark for remark in bus.recording.remarks)
     (found,) = bus.messages
-    assert found.arrivals.kind == PERIODIC
-    assert found.arrivals.frames == len(entries) - 100
-    assert found.arrivals.missing == 0
-    assert found.arrivals.period == pytest.approx(10 * MS, rel=1e-4)
-    assert found.arrivals.jitter <= 1.1 * MS
+    assert not found.assumed
+    assert found.frames == len(entries) - 100
+    assert found.message.period_ns == pytest.approx(10 * MS, rel=1e-4)
+    assert found.message.jitter_ns <= 1.1 * MS
 
 
-def test_a_node_that_starts_again_is_not_called_periodic_without_saying(tmp_path):
+@pytest.mark.parametrize("phase", [3, 5, 8])
+def test_a_node_that_starts_again_has_its_jump_of_phase_as_jitter(tmp_path, phase):
     first = BusMessage("a", 0x100, 8, 10.0 * MS, "a", offset_ns=0)
     entries = record([first], bitrate=500_000, seconds=2)
     again = entries.copy()
-    again["t_received"] += 2_005 * MS
+    again["t_received"] += (1_990 + phase) * MS
     path = write(tmp_path / "again.blf", np.concatenate([entries, again]))
     (found,) = infer_bus(path, bitrate=500_000).messages
-    assert found.arrivals.restarts == 1
-    assert found.arrivals.cycle == pytest.approx(10 * MS, rel=0.01)
-    assert found.assumed
+    assert found.message.period_ns == pytest.approx(10 * MS, rel=0.01)
+    # two frames come nearer to each other than the period by that much
+    assert 0.9 * (10 - phase) * MS <= found.message.jitter_ns <= 10 * MS
 
 
-def test_error_frames_are_counted_and_what_they_disturb_is_not_exact(tmp_path):
+def test_error_frames_are_counted_and_what_they_disturb_was_queued_before(tmp_path):
     message = BusMessage("a", 0x100, 8, 10.0 * MS, "a")
     entries = record([message], bitrate=500_000, seconds=2)
     path = tmp_path / "errors.asc"
@@ -213,8 +200,8 @@ def test_error_frames_are_counted_and_what_they_disturb_is_not_exact(tmp_path):
                 logger(broken)
             logger(frame)
     bus = infer_bus(path, bitrate=500_000)
-    assert bus.errors == len(entries) // 4
-    assert bus.messages[0].arrivals.exact == len(entries) - len(entries) // 4
+    assert bus.recording.errors == len(entries) // 4
+    assert bus.messages[0].message.jitter_ns >= 300_000
 
 
 def test_every_channel_is_a_bus(tmp_path):
@@ -230,15 +217,49 @@ def test_every_channel_is_a_bus(tmp_path):
     assert len(one.messages) == len(messages)
     assert [m.message.ident for m in two.messages] == [0x55]
     assert infer_bus(path, channel=two.channel, bitrate=bitrate).messages == two.messages
-    with pytest.raises(CanrollError, match=r"frames of channels 0, 1: choose one with --channel"):
-        infer_bus(path)
     with pytest.raises(UnknownNameError, match="channel of"):
-        infer_bus(path, channel="7")
+        infer_buses(path, channel="7", bitrate=bitrate)
 
 
 def test_the_messages_come_in_the_order_of_arbitration(tmp_path):
     _, bitrate, _, messages = a_bus(4)
     entries = record(messages, bitrate=bitrate, seconds=3)
-    bus = infer_bus(write(tmp_path / "order.blf", entries))
+    bus = infer_bus(write(tmp_path / "order.blf", entries), bitrate=bitrate)
     keys = [m.message.arbitration_key for m in bus.messages]
     assert all(one < next_one for one, next_one in pairwise(keys))
+
+
+def test_a_log_without_a_stated_rate_asks_for_it_in_its_name(tmp_path):
+    classic = record([BusMessage("a", 0x55, 8, 20.0 * MS, "a")], bitrate=500_000, seconds=1)
+    path = write(tmp_path / "classic.log", classic)
+    with pytest.raises(CanrollError, match=r"classic\.log: channel can0: .* as @500000$"):
+        infer_buses(path)
+    fast = BusMessage("b", 0x55, 24, 20.0 * MS, "b", flags=int(FD | BIT_RATE_SWITCH))
+    entries = record([fast], bitrate=500_000, data_bitrate=2_000_000, seconds=1)
+    path = write(tmp_path / "fd.log", entries)
+    with pytest.raises(CanrollError, match=r"as @500000/2000000$"):
+        infer_buses(path, bitrate=500_000)
+
+
+def test_frames_sooner_than_the_stated_rate_allows_are_counted(tmp_path):
+    messages = [BusMessage(f"m{k}", 0x50 + k, 8, 10.0 * MS, "a") for k in range(8)]
+    path = write(tmp_path / "bus.blf", record(messages, bitrate=500_000, seconds=2))
+    assert infer_bus(path, bitrate=500_000).too_close == 0.0
+    assert infer_bus(path, bitrate=250_000).too_close > 0.8
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_curve_admits_any_choice_of_instants_within_their_intervals(seed):
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(2, 120))
+    steps = rng.choice([1, 2, 3, 50], count) if seed % 3 else rng.exponential(1.0, count)
+    latest = np.sort(np.cumsum(steps * 10 * MS) + rng.uniform(0, 8 * MS, count)).astype(np.int64)
+    earliest = latest - rng.integers(0, 4 * MS, count)
+    found = find_arrivals(earliest, latest, duration_ns=int(latest[-1]))
+    apart = np.arange(count)[None, :] - np.arange(count)[:, None]
+    nearest = (earliest[None, :] - latest[:, None])[apart > 0]
+    least = apart[apart > 0] * found.period - found.jitter
+    assert (nearest >= least - 1).all()
+    assert ((latest - earliest).max() > 0) == (found.jitter > 0)
+    assert (found.releases <= earliest + 1e-3).all()
+    assert (np.diff(found.releases) >= found.period - 1e-3).all()
