@@ -2,16 +2,15 @@
 
 python-can's reader passes over two kinds of error frames, over objects outside of containers, and
 over the end of a file that was cut off; so the objects are walked here too, and counted, and it
-gets them in one container.
+gets them in one container, with those error frames as the kind that it reads.
 Source of the layout: python-can's ``blf.py``, after Vector_BLF.
 """
 
 import io
 import zlib
 from collections.abc import Iterator
-from itertools import islice
 from struct import Struct, error
-from typing import Final, NamedTuple
+from typing import Final
 
 import can
 from can.io import blf
@@ -25,23 +24,14 @@ _FRAMES: Final = (
     *(blf.CAN_FD_MESSAGE, blf.CAN_FD_MESSAGE_64),
 )
 """Kinds of objects that python-can reads."""
-_ERROR, _FD_ERROR_64 = 2, 104
-"""Error frames that it does not read; both begin with the channel."""
 _FILE: Final = b"LOGG"
 _SIGNATURE: Final = b"LOBJ"
 _PADDING: Final = 8
 """Within so many bytes behind an object the next one begins."""
-_CHANNELS: Final = {_ERROR: Struct("<H"), _FD_ERROR_64: Struct("<B")}
+_ERRORS: Final = {2: Struct("<H"), 104: Struct("<B")}
+"""Kinds of error frames that it does not read; both begin with the channel."""
 _COUNT_PLACE: Final = Struct("<32xL")
 DAMAGED: Final = "damaged, or not a BLF"
-
-
-class _Object(NamedTuple):
-    """An object; time and channel only of error frames that python-can does not read."""
-
-    kind: int
-    time_s: float = 0.0
-    channel: int = 0
 
 
 def read(content: bytes, remarks: Remarks) -> list[Numbered]:
@@ -50,12 +40,12 @@ def read(content: bytes, remarks: Remarks) -> list[Numbered]:
     Raises:
         CanrollError: it is no BLF, or damaged before its end.
     """
-    objects: list[_Object] = []
+    kinds: list[int] = []
     messages: list[can.Message] = []
     walk = _Walk(content)
     try:
-        for item in walk.objects():
-            objects.append(item)
+        for kind in walk.kinds():
+            kinds.append(kind)
         reader = blf.BLFReader(io.BytesIO(walk.in_one_container()))
         # of versions that it does not know it warns, object by object: they are counted below
         with reader_warnings():
@@ -63,29 +53,17 @@ def read(content: bytes, remarks: Remarks) -> list[Numbered]:
                 messages.append(message)
     except (error, ValueError, zlib.error, blf.BLFParseError, OverflowError) as fault:
         if not walk.cut:
-            place = f": what is behind its object {len(objects)}" if objects else ""
+            place = f": what is behind its object {len(kinds)}" if kinds else ""
             raise CanrollError(f"{DAMAGED}{place}") from fault
-    frames = iter(messages)
-    entries: list[Numbered] = []
-    for item in objects:
-        if item.kind in _FRAMES:
-            entries += [Numbered(len(entries) + 1, message) for message in islice(frames, 1)]
-        elif item.kind in _CHANNELS:
-            broken = can.Message(
-                timestamp=item.time_s + reader.start_timestamp,
-                is_error_frame=True,
-                channel=item.channel - 1,
-            )
-            entries.append(Numbered(len(entries) + 1, broken))
     stated = _COUNT_PLACE.unpack_from(content)[0]
     if walk.cut:
         remarks.add("the file is cut off: its last frames are missing")
-    elif len(objects) < stated:
-        remarks.add(f"the header counts {stated} objects, {len(objects)} are there")
-    there = sum(item.kind in _FRAMES for item in objects)
+    elif len(kinds) < stated:
+        remarks.add(f"the header counts {stated} objects, {len(kinds)} are there")
+    there = sum(kind in (*_FRAMES, *_ERRORS) for kind in kinds)
     if len(messages) != there:
         remarks.add(f"{there} frames are there, {len(messages)} can be read")
-    return entries
+    return [Numbered(number, message) for number, message in enumerate(messages, 1)]
 
 
 class _Walk:
@@ -105,11 +83,10 @@ class _Walk:
         container = head.pack(_SIGNATURE, head.size, 1, size, blf.LOG_CONTAINER) + box
         return self._content[:start] + container + bytes(size % 4)
 
-    def objects(self) -> Iterator[_Object]:
-        """Yield the objects, within containers or not, in their order."""
+    def kinds(self) -> Iterator[int]:
+        """Yield the kinds of the objects, within containers or not, in their order."""
         buffer = b""
         for piece in self._pieces():
-            self._read.append(piece)
             buffer += piece
             place = 0
             while (start := buffer.find(_SIGNATURE, place, place + _PADDING)) >= 0:
@@ -121,7 +98,8 @@ class _Walk:
                     break
                 if size < blf.OBJ_HEADER_BASE_STRUCT.size:
                     raise ValueError
-                yield _object(buffer, start, kind)
+                self._read.append(_readable(buffer[start:end], kind))
+                yield kind
                 place = end
             if start < 0 and place + _PADDING <= len(buffer):
                 raise ValueError
@@ -158,12 +136,14 @@ class _Walk:
             place += size + size % 4
 
 
-def _object(buffer: bytes, start: int, kind: int) -> _Object:
-    if kind not in _CHANNELS:
-        return _Object(kind)
-    header_size, version = blf.OBJ_HEADER_BASE_STRUCT.unpack_from(buffer, start)[1:3]
-    head = blf.OBJ_HEADER_V1_STRUCT if version == 1 else blf.OBJ_HEADER_V2_STRUCT
-    flags, _, _, time = head.unpack_from(buffer, start + blf.OBJ_HEADER_BASE_STRUCT.size)
-    unit = 1e-5 if flags == blf.TIME_TEN_MICS else 1e-9
-    (channel,) = _CHANNELS[kind].unpack_from(buffer, start + header_size)
-    return _Object(kind, time * unit, channel)
+def _readable(data: bytes, kind: int) -> bytes:
+    """Return an object, an error frame that python-can does not read as one that it does."""
+    if kind not in _ERRORS:
+        return data
+    base = blf.OBJ_HEADER_BASE_STRUCT
+    _, header_size, version, _, _ = base.unpack_from(data)
+    (channel,) = _ERRORS[kind].unpack_from(data, header_size)
+    body = data[base.size : header_size] + blf.CAN_ERROR_EXT_STRUCT.pack(channel, *(0,) * 8, b"")
+    return (
+        base.pack(_SIGNATURE, header_size, version, base.size + len(body), blf.CAN_ERROR_EXT) + body
+    )

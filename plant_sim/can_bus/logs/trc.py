@@ -59,7 +59,9 @@ def read(lines: Sequence[Line], remarks: Remarks) -> list[Numbered]:
     missing = {line.number for line in frames} - {entry.number for entry in messages}
     if missing:
         raise LineError(lines[min(missing) - 1], f"not {WHAT}")
-    start = _start(head, frames, version)
+    # what python-can adds to the offsets of a trace
+    first = float(frames[0].text.split()[1]) / 1000 if messages else 0.0
+    start = messages[0].message.timestamp - first if messages else 0.0
     for entry in messages:
         if entry.message.is_fd:
             entry.message.dlc = dlc2len(entry.message.dlc)
@@ -79,14 +81,6 @@ def _feed(head: Sequence[Line], frames: Sequence[Line], version: str) -> Iterato
             words = text.split()
             text = " ".join([*words[:5], "-", *words[5:]])
         yield line, text
-
-
-def _start(head: Sequence[Line], frames: Sequence[Line], version: str) -> float:
-    """Return what python-can adds to the offsets of a trace, s."""
-    if not frames or version == "1.0":
-        return 0.0
-    (first, *_) = parsed(can.TRCReader, _feed(head, frames[:1], version), WHAT)
-    return first.message.timestamp - float(frames[0].text.split()[1]) / 1000
 
 
 def _error(line: Line, words: Sequence[str], columns: dict[str, int]) -> can.Message:
