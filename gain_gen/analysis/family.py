@@ -211,6 +211,11 @@ class FamilyMargins:
         """Whether every loop is stable."""
         return self.worst_sensitivity.margins.sensitivity < inf
 
+    def within(self, gain_db: float, sensitivity: float) -> bool:
+        """Whether every gain margin is more and every Ms less than these."""
+        least, most = self.worst_gain.margins.gain_db, self.worst_sensitivity.margins.sensitivity
+        return least > gain_db and most < sensitivity
+
 
 @dataclass(frozen=True, slots=True)
 class Family:

@@ -13,8 +13,8 @@ from canroll import documents
 from canroll.errors import UNREADABLE, CanrollError, reason
 from gain_gen.laws.compensator import checked, scaled_states
 from gain_gen.laws.declared import law
-from gain_gen.laws.state_feedback import actuator_rate, feedforward_row, observer_of
-from gain_gen.models.controller import Compensator, Controller
+from gain_gen.laws.state_feedback import controller_of, feedforward_row
+from gain_gen.models.controller import Compensator
 from gain_gen.models.roll import Matrix
 from gain_gen.models.task import Solution, Task
 
@@ -121,12 +121,10 @@ def design_custom(task: Task) -> Solution:
         if len(gain) not in (2, 5):
             raise CanrollError(f"{where}: K has {len(gain)} entries, it must have 2 or 5")
         feedforward = float(np.ravel(matrices["Kff"])[0]) if "Kff" in matrices else 0.0
-        controller = Controller(
-            tick=task.tick,
-            observer=observer_of(task),
+        controller = controller_of(
+            task,
             feedback=np.concatenate([gain, np.zeros(5 - len(gain))]),
             feedforward=feedforward_row(task, feedforward),
-            actuator_rate=actuator_rate(task),
         )
         return Solution(controller, delay_aware=True, given=matrices)
     missing = [name for name in "ABCD" if name not in matrices]
@@ -140,14 +138,7 @@ def design_custom(task: Task) -> Solution:
         compensator = scaled_states(given, task.tick)
     except CanrollError as error:
         raise CanrollError(f"{where}: {error}") from error
-    controller = Controller(
-        tick=task.tick,
-        observer=observer_of(task),
-        feedback=np.zeros(5),
-        feedforward=np.zeros(5),
-        compensator=compensator,
-        actuator_rate=actuator_rate(task),
-    )
+    controller = controller_of(task, compensator=compensator)
     return Solution(controller, delay_aware=True, given=matrices)
 
 

@@ -9,7 +9,7 @@ from canroll.errors import CanrollError, VerdictError
 from gain_gen.analysis.held_plant import HeldPlant, opened, padded
 from gain_gen.laws.compensator import scaled_states
 from gain_gen.laws.declared import law
-from gain_gen.laws.state_feedback import observer_of
+from gain_gen.laws.state_feedback import controller_of
 from gain_gen.laws.state_gains import riccati_gain
 from gain_gen.models.controller import Compensator, Controller
 from gain_gen.models.full_car import (
@@ -143,20 +143,12 @@ def design_lqr_full_car(task: Task) -> Solution:
     passive = rolling(car.phi, car.noise, roll)
     ideal = rolling(car.phi - car.gamma @ gain, car.noise, roll)
     full = compensator_in_full(car, gain, task)
-    base = Controller(
-        tick=task.tick,
-        observer=observer_of(task),
-        feedback=np.zeros(5),
-        feedforward=np.zeros(5),
-        compensator=full,
-        actuator_rate=0.0,
-    )
     tried: dict[str, float] = {}
     chosen: Controller | None = None
     kept = 0.0
     for order in ORDERS:
         candidate = _in_milliampere(reduced(full, order, task.tick))
-        controller = replace(base, compensator=scaled_states(candidate, task.tick))
+        controller = controller_of(task, compensator=scaled_states(candidate, task.tick))
         active = rolling(*closed_loop(car, controller, task.delay.most), roll)
         share = (passive - active) / (passive - ideal) if np.isfinite(active) else float("-inf")
         tried[f"benefit_order_{order}"] = share

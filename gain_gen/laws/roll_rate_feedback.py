@@ -11,9 +11,8 @@ from gain_gen.analysis.delay_system import h_infinity, largest_delay, rightmost_
 from gain_gen.laws.declared import law
 from gain_gen.laws.state_feedback import (
     FEEDFORWARD_SHARE,
-    actuator_rate,
+    controller_of,
     feedforward_row,
-    observer_of,
 )
 from gain_gen.models.controller import Controller
 from gain_gen.models.roll import (
@@ -75,14 +74,7 @@ def exact_optimum(model: RollModel, delay: float, *, guess: float) -> ExactOptim
 
 def static_controller(task: Task, gain: float) -> Controller:
     """Return u = K (roll rate) as measured."""
-    return Controller(
-        tick=task.tick,
-        observer=observer_of(task),
-        feedback=np.zeros(5),
-        feedforward=np.zeros(5),
-        output_gain=np.array([gain, 0.0, 0.0]),
-        actuator_rate=actuator_rate(task),
-    )
+    return controller_of(task, output_gain=np.array([gain, 0.0, 0.0]))
 
 
 def static_solution(
@@ -200,11 +192,9 @@ def design_rate_feedforward(task: Task) -> Solution:
     guesses = -model.roll_damping * np.geomspace(0.05, 8.0, 12)
     guess = min(guesses, key=lambda gain: exact_gamma(model, float(gain), delay))
     optimum = exact_optimum(model, delay, guess=float(guess))
-    controller = Controller(
-        tick=task.tick,
-        observer=observer_of(task),
+    controller = controller_of(
+        task,
         feedback=np.array([0.0, -optimum.gain, 0.0, 0.0, 0.0]),
         feedforward=feedforward_row(task, FEEDFORWARD_SHARE * model.roll_arm),
-        actuator_rate=actuator_rate(task),
     )
     return Solution(controller, gamma=optimum.gamma, gamma_channel=CHANNEL, delay_aware=True)

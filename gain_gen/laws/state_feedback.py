@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from math import exp
+from typing import Any
 
 import numpy as np
 
@@ -73,14 +74,22 @@ def feedforward_row(task: Task, gain: float) -> Matrix:
     return np.array([0.0, 0.0, gain if task.feedforward else 0.0, 0.0, 0.0])
 
 
+def controller_of(task: Task, **gains: Any) -> Controller:  # noqa: ANN401
+    """Return a controller of a task, by default of its actuator; rows not given are zero."""
+    usual = {
+        "feedback": np.zeros(5),
+        "feedforward": np.zeros(5),
+        "actuator_rate": actuator_rate(task),
+    }
+    return Controller(tick=task.tick, observer=observer_of(task), **{**usual, **gains})
+
+
 def state_feedback(task: Task, gain: Matrix) -> Controller:
     """Return u = −K [φ, φ'] − K_FF a_y on the observed state, ignoring the delay."""
-    return Controller(
-        tick=task.tick,
-        observer=observer_of(task),
+    return controller_of(
+        task,
         feedback=np.concatenate([np.ravel(gain), np.zeros(3)]),
         feedforward=feedforward_row(task, disturbance_feedforward(task.vehicle.design, task.tick)),
-        actuator_rate=actuator_rate(task),
     )
 
 
@@ -131,12 +140,6 @@ def design_plain_feedforward(task: Task) -> Solution:
 
 def _share_of_lateral(task: Task, *, predict_steps: int) -> Solution:
     gain = FEEDFORWARD_SHARE * task.vehicle.design.roll_arm
-    controller = Controller(
-        tick=task.tick,
-        observer=observer_of(task),
-        feedback=np.zeros(5),
-        feedforward=np.array([0.0, 0.0, gain, 0.0, 0.0]),
-        predict_steps=predict_steps,
-        actuator_rate=actuator_rate(task),
-    )
+    row = np.array([0.0, 0.0, gain, 0.0, 0.0])
+    controller = controller_of(task, feedforward=row, predict_steps=predict_steps)
     return Solution(controller, delay_aware=True)

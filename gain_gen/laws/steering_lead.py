@@ -20,7 +20,7 @@ from gain_gen.analysis.family import NOMINAL, Family, car_in, family_of
 from gain_gen.analysis.steering_response import SteeringResponse, steering_response
 from gain_gen.laws.compensator import scaled_states
 from gain_gen.laws.declared import law
-from gain_gen.laws.state_feedback import actuator_rate, observer_of
+from gain_gen.laws.state_feedback import controller_of
 from gain_gen.models.controller import (
     S_LATERAL,
     S_RATE,
@@ -29,7 +29,6 @@ from gain_gen.models.controller import (
     Y_RATE,
     Y_ROLL,
     Compensator,
-    Controller,
 )
 from gain_gen.models.linear_car import INPUTS, OUTPUTS
 from gain_gen.models.roll import Matrix, zero_order_hold
@@ -275,24 +274,13 @@ def design_steering_lead(task: Task) -> Solution:
     steered, disturbed = steered_cars(task, family, model), disturbed_cars(family)
     roll = task.vehicle.design
     share = MOMENT_SHARE if task.moment_share is None else task.moment_share
-    base = Controller(
-        tick=task.tick,
-        observer=observer_of(task),
-        feedback=np.zeros(5),
-        feedforward=np.zeros(5),
-        actuator_rate=actuator_rate(task),
-    )
     for reduced_to, corner in CANDIDATES:
         effort = reduced_to * share * roll.roll_arm
         start = Tuning(carried=effort, rate=0.0, horizon=0.0, corner=corner)
         start = replace(start, rate=disturbed.rate_gain(start, roll.roll_damping))
         tuning = steered.with_horizon(effort, start)
-        controller = replace(base, compensator=compensator(model, tuning, task.tick))
-        margins = family.margins(controller)
-        if (
-            margins.worst_gain.margins.gain_db > GAIN_MARGIN_DB
-            and margins.worst_sensitivity.margins.sensitivity < PEAK_SENSITIVITY
-        ):
+        controller = controller_of(task, compensator=compensator(model, tuning, task.tick))
+        if family.margins(controller).within(GAIN_MARGIN_DB, PEAK_SENSITIVITY):
             break
     notes = () if reduced_to == 1.0 else (_reduced(share, reduced_to * share),)
     return Solution(

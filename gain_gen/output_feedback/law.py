@@ -18,7 +18,7 @@ from gain_gen.analysis.family import family_of
 from gain_gen.analysis.steering_response import SteeringResponse, steering_response
 from gain_gen.laws.declared import law
 from gain_gen.laws.hinf_state import design_state_hinf
-from gain_gen.laws.state_feedback import actuator_rate, observer_of
+from gain_gen.laws.state_feedback import controller_of
 from gain_gen.laws.state_gains import riccati_gain
 from gain_gen.laws.steering_lead import GAIN_MARGIN_DB, MOMENT_SHARE, PEAK_SENSITIVITY
 from gain_gen.models.controller import (
@@ -28,7 +28,6 @@ from gain_gen.models.controller import (
     Y_LATERAL,
     Y_RATE,
     Compensator,
-    Controller,
 )
 from gain_gen.models.roll import Matrix
 from gain_gen.models.state_space import StateSpace, resolvent_rows
@@ -97,13 +96,6 @@ def _designed(law: str, task: Task, synthesise: Synthesise) -> Solution:
     car = driven_car(task, family)
     response = steering_response(family, task.vehicle, family.delays[len(family.delays) // 2])
     wanted = MOMENT_SHARE if task.moment_share is None else task.moment_share
-    base = Controller(
-        tick=task.tick,
-        observer=observer_of(task),
-        feedback=np.zeros(5),
-        feedforward=np.zeros(5),
-        actuator_rate=actuator_rate(task),
-    )
     arm, unit = task.vehicle.design.roll_arm, _unit_weight(car)
 
     def at(relative: float) -> Compensator | None:
@@ -113,12 +105,8 @@ def _designed(law: str, task: Task, synthesise: Synthesise) -> Solution:
     relative, own = _of_effort(wanted * arm, response, at, task.tick)
     for _ in range(HEAVIER_STEPS):
         if own is not None:
-            controller = replace(base, compensator=own)
-            margins = family.margins(controller)
-            if (
-                margins.worst_gain.margins.gain_db > GAIN_MARGIN_DB
-                and margins.worst_sensitivity.margins.sensitivity < PEAK_SENSITIVITY
-            ):
+            controller = controller_of(task, compensator=own)
+            if family.margins(controller).within(GAIN_MARGIN_DB, PEAK_SENSITIVITY):
                 break
         relative *= HEAVIER
         own = at(relative)
