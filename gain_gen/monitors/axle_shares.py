@@ -13,9 +13,10 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from gain_gen.monitors.linear_car import Car, Pair, axle_forces, axle_masses, roll_centres
+from gain_gen.monitors.linear_car import Car, Pair, axle_forces, sprung_masses
 from gain_gen.monitors.uncertainty import Factors, Uncertainty, vertices
 from vehicles import GRAVITY
+from vehicles.axles import axles
 
 FREQUENCIES = (0.0, 0.35, 0.7)
 """Of steering, Hz: up to that of the sine with dwell (FMVSS 126)."""
@@ -57,10 +58,10 @@ def response(
     inertia = f.mass * f.height**2 * (roll.roll_inertia - roll.inertia_about_cg)
     inertia += f.inertia * roll.inertia_about_cg
     arm, lever = f.mass * f.height * roll.roll_arm, f.height * roll.cg_height_above_roll_axis
-    sprung, unsprung = (np.array(masses) for masses in axle_masses(vehicle))
-    heights = np.array(roll_centres(vehicle)) + centres
-    at_centres = f.mass * sprung * heights
-    on_road = at_centres + unsprung * vehicle.tyre.radius
+    both = axles(vehicle)
+    heights = np.array([axle.roll_centre for axle in both]) + centres
+    at_centres = f.mass * np.array(sprung_masses(vehicle)) * heights
+    on_road = at_centres + vehicle.tyre.radius * np.array([axle.unsprung for axle in both])
     by_yaw = f.mass * vehicle.mass.yaw_inertia / vehicle.geometry.wheelbase * s / SPEED
     # body, front and rear tilt; by lateral acceleration, front and rear moment
     tilted = f.tyre * np.array(car.tyres) + borne - GRAVITY * on_road

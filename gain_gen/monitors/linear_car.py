@@ -10,7 +10,8 @@ from math import hypot
 
 from gain_gen.monitors.uncertainty import NOMINAL, Factors, Uncertainty, vertices
 from vehicles import GRAVITY, Vehicle
-from vehicles.roll_stiffness import axle_roll_shares, steady_roll, suspension_roll_stiffness
+from vehicles.axles import axles
+from vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
 
 Gain = Callable[[Factors], float]
 Pair = tuple[float, float]
@@ -41,15 +42,14 @@ class Car:
 
 def car_of(vehicle: Vehicle) -> Car:
     """Return the car of a vehicle."""
-    geometry, share = vehicle.geometry, vehicle.suspension.roll_damping_front_share
-    halves = geometry.half_track_front, geometry.half_track_rear
-    tyres = [2.0 * vehicle.tyre.vertical_stiffness * half**2 for half in halves]
+    (front, rear), share = axles(vehicle), vehicle.suspension.roll_damping_front_share
+    tyres = [2.0 * vehicle.tyre.vertical_stiffness * axle.half_track**2 for axle in (front, rear)]
     damping = vehicle.design.roll_damping
     return Car(
         vehicle,
         suspension_roll_stiffness(vehicle),
-        axle_roll_shares(vehicle),
-        (2.0 * halves[0], 2.0 * halves[1]),
+        (front.roll_share, rear.roll_share),
+        (2.0 * front.half_track, 2.0 * rear.half_track),
         (share * damping, (1.0 - share) * damping),
         (tyres[0], tyres[1]),
     )
@@ -103,12 +103,10 @@ def blown(vehicle: Vehicle, wind: float, speed: float) -> float:
 def lifting(car: Car) -> tuple[float, float]:
     """Return the lateral accelerations (m/s²) at which the inner front and rear wheel lift."""
     vehicle = car.vehicle
-    geometry = vehicle.geometry
-    roll = steady_roll(vehicle, car.stiffness)
-    others = geometry.cg_to_rear_axle, geometry.cg_to_front_axle
+    tilts = steady_roll(vehicle, car.stiffness)[1:]
     front, rear = (
-        vehicle.total_mass * GRAVITY * other / geometry.wheelbase * track / (2.0 * tyre * tilt)
-        for other, track, tyre, tilt in zip(others, car.tracks, car.tyres, roll[1:], strict=True)
+        2.0 * axle.wheel_load * axle.half_track / (tyre * tilt)
+        for axle, tyre, tilt in zip(axles(vehicle), car.tyres, tilts, strict=True)
     )
     return front, rear
 
@@ -148,27 +146,19 @@ def steering_deviation(car: Car, box: Uncertainty) -> float:
     )
 
 
-def axle_masses(vehicle: Vehicle) -> tuple[Pair, Pair]:
-    """Return sprung and unsprung masses of the front and the rear axle, kg."""
-    geometry, mass = vehicle.geometry, vehicle.mass
-    per_length = vehicle.total_mass / geometry.wheelbase
-    unsprung = mass.unsprung_front, mass.unsprung_rear
-    front = per_length * geometry.cg_to_rear_axle - unsprung[0]
-    return (front, per_length * geometry.cg_to_front_axle - unsprung[1]), unsprung
-
-
-def roll_centres(vehicle: Vehicle) -> Pair:
-    """Return the heights of the roll centres, m."""
-    geometry = vehicle.geometry
-    return geometry.roll_centre_height_front, geometry.roll_centre_height_rear
+def sprung_masses(vehicle: Vehicle) -> Pair:
+    """Return the sprung masses of the front and the rear axle, kg."""
+    per_length, both = vehicle.total_mass / vehicle.geometry.wheelbase, axles(vehicle)
+    front, rear = (per_length * axle.opposite - axle.unsprung for axle in both)
+    return front, rear
 
 
 def axle_forces(vehicle: Vehicle, scale: Pair) -> Pair:
     """Return what lateral (kg·m) and yaw acceleration (kg·m²) make of the axles' difference."""
-    heights = roll_centres(vehicle)
+    both = axles(vehicle)
     front, rear = (
-        sprung * height + unsprung * vehicle.tyre.radius
-        for sprung, unsprung, height in zip(*axle_masses(vehicle), heights, strict=True)
+        sprung * axle.roll_centre + axle.unsprung * vehicle.tyre.radius
+        for sprung, axle in zip(sprung_masses(vehicle), both, strict=True)
     )
-    arm = (heights[0] + scale[1] * heights[1]) / vehicle.geometry.wheelbase
+    arm = (both[0].roll_centre + scale[1] * both[1].roll_centre) / vehicle.geometry.wheelbase
     return front - scale[1] * rear, arm * vehicle.mass.yaw_inertia
