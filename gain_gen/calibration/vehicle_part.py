@@ -226,7 +226,7 @@ def _identification(task: Task) -> dict[str, Value]:
     }
 
 
-def _limits(task: Task, share: float) -> dict[str, Value]:
+def _limits(task: Task, share: float) -> dict[str, int]:
     """Limits of the moment, of its slew and of the lateral acceleration by steering."""
     limit = moment_limit(task, share)
     actuator = ACTUATORS[task.actuator]
@@ -247,22 +247,14 @@ def _envelope(task: Task, share: float) -> dict[str, Value]:
     0.03 s while the lateral acceleration is above 2 m/s² and does not fall.
     """
     limits = _limits(task, share)
-    supervision = _supervision(task)
-    most, slew, ramp = limits["moment_max"], limits["slew_max"], supervision["ramp_ticks"]
-    release = supervision["release_ticks"]
-    timeouts = supervision["timeout_ticks"]
-    assert isinstance(most, int) and isinstance(slew, int) and isinstance(ramp, int)
-    assert isinstance(release, int)
-    assert isinstance(timeouts, list)
+    most, slew, ramp = limits["moment_max"], limits["slew_max"], ceil(RAMP / task.tick)
     source = RX_ROLL_REFERENCE if task.observer == "reference" else RX_IMU
-    timeout = timeouts[source]
-    assert isinstance(timeout, int)
-    moment = actuator_moment(task)
+    release = ceil(release_time(task) / task.tick)
     return {
         "envelope_moment": most,
         "envelope_slew": min(max(slew, most // ramp + 2), fw.STATE_MAX),
-        "envelope_age": timeout + 2 * release,
-        "envelope_outward": round(OUTWARD_SHARE * _q(moment, fw.Q_MOMENT)),
+        "envelope_age": timeouts(task)[source] + 2 * release,
+        "envelope_outward": round(OUTWARD_SHARE * _q(actuator_moment(task), fw.Q_MOMENT)),
         "envelope_lateral": _q(OUTWARD_LATERAL, fw.Q_ACCELERATION),
         "envelope_ticks": ceil(OUTWARD_TIME / task.tick),
         "envelope_pass": _q(1.0 - exp(-task.tick / OUTWARD_FALL), fw.Q_UNIT),
