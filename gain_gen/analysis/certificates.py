@@ -40,20 +40,6 @@ def si_plant(model: RollModel, output: Matrix) -> CertifiedPlant:
     )
 
 
-def bounded_real_block(
-    plant: CertifiedPlant, *, w: Matrix, x: Matrix, gamma_squared: float
-) -> Matrix:
-    """Return the delay-free inequality of Redondo 2021, (52), at a point."""
-    closed = plant.a @ x + plant.b @ w
-    return np.block(
-        [
-            [closed + closed.T, plant.bw, x @ plant.c.T],
-            [plant.bw.T, -gamma_squared * np.eye(3), np.zeros((3, 1))],
-            [plant.c @ x, np.zeros((1, 3)), -np.eye(1)],
-        ]
-    )
-
-
 def discrete_block(
     phi: Matrix,
     gamma: Matrix,

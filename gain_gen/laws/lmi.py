@@ -18,7 +18,6 @@ import numpy as np
 
 from gain_gen.analysis.certificates import (
     CertifiedPlant,
-    bounded_real_block,
     discrete_block,
     event_block,
 )
@@ -111,14 +110,6 @@ def minimise(
     return found
 
 
-class StaticPoint(NamedTuple):
-    """Static output feedback: certified level, K on the normalised roll rate, X (2, 2)."""
-
-    gamma_squared: float
-    gain: float
-    x: Matrix
-
-
 class EventPoint(NamedTuple):
     """Lyapunov–Krasovskii certificate of an event-triggered loop: level, P (2, 2) and weights.
 
@@ -147,32 +138,6 @@ class LevelPoint(NamedTuple):
     level_squared: float
     p: Matrix
     weight: float
-
-
-def bounded_point(
-    plant: CertifiedPlant, rho: float, fastest: float, clock: Clock
-) -> StaticPoint | None:
-    """Return the optimum of Redondo 2021, (52), at ρ with all poles right of −``fastest``, or None.
-
-    Without that, inf γ is approached only as the gain goes to infinity: He(A X + B W) + 2 α X > 0.
-    """
-
-    def structured(x11: float, x22: float, n: float) -> tuple[Matrix, Matrix]:
-        """X with X12 = −ρ X22, so that W = K C1 X with K = n / X22 exactly."""
-        return np.array([[x11, -rho * x22], [-rho * x22, x22]]), n * np.array([[-rho, 1.0]])
-
-    def forms(gamma_squared: float, **entries: float) -> Sequence[Matrix]:
-        x, w = structured(**entries)
-        closed = plant.a @ x + plant.b @ w
-        block = bounded_real_block(plant, w=w, x=x, gamma_squared=gamma_squared)
-        return block, -(closed + closed.T + 2.0 * fastest * x), -x
-
-    unknowns = {"gamma_squared": NONNEG, "x11": SCALAR, "x22": NONNEG, "n": SCALAR}
-    found = minimise(forms, unknowns, clock)
-    if found is None:
-        return None
-    gamma_squared = found.pop("gamma_squared")
-    return StaticPoint(gamma_squared, found["n"] / found["x22"], structured(**found)[0])
 
 
 def event_point(

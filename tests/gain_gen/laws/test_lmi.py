@@ -178,7 +178,9 @@ def test_discrete_level_of_a_pure_delay_line():
 
 def test_delay_unaware_baseline_is_bounded_and_says_why(van):
     found = design_hinf_nodelay(task())
-    assert found.controller.output_gain[0] == pytest.approx(-9550.0, rel=0.01)
+    # of a program with (52) and the bound: −9512; the bound itself is at −9514
+    assert found.controller.output_gain[0] == pytest.approx(-9512.0, rel=2e-3)
+    assert all(check.ok for check in found.checks.values())
     assert "without a bound" in found.notes[0]
     # the DC gain from [a_y, bank] does not depend on the rate gain: γ² ≥ 0.2168
     assert found.gamma**2 > 0.2168
