@@ -1,8 +1,7 @@
 #!/usr/bin/env bash
 # The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command.
-#   scripts/long.sh [NAME ...]     tests differential mutation worst_case benchmarks contract limit_cycles
-#                                  reproduce campaign rollover fuzz_firmware exchange
-#                                  hostile_files guided_files kills endurance
+#   scripts/long.sh [NAME ...]     tests worst_case benchmarks contract limit_cycles reproduce campaign
+#                                  rollover fuzz_firmware exchange
 set -euo pipefail
 cd "$(dirname "$0")/.."
 scripts/setup-venv judges
@@ -24,14 +23,12 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
 }
 
 bound=(canroll timing --bound --ticks 100000)
-for name in "${@:-tests differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover fuzz_firmware exchange hostile_files guided_files kills endurance}"; do
+for name in "${@:-tests worst_case benchmarks contract limit_cycles reproduce campaign rollover fuzz_firmware exchange}"; do
     for part in $name; do
         case $part in
             tests)
                 keep long_tests pytest -m long -n 2 --dist loadfile --durations=0
                 keep long_properties pytest -m hypothesis --hypothesis-profile=long -n 2 ;;
-            differential) keep differential python -m tools.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
-            mutation) keep mutation python -m tools.mutation ;;
             worst_case)
                 keep worst_case_lqr "${bound[@]}" --law lqr
                 keep worst_case_lqg_delay "${bound[@]}" --law lqg_delay
@@ -55,13 +52,9 @@ for name in "${@:-tests differential mutation worst_case benchmarks contract lim
             campaign) keep campaign scripts/campaign-evidence 10000 ;;
             rollover) keep rollover canroll campaign examples/campaigns/fishhook.toml --runs 4096 ;;
             fuzz_firmware)
-                keep fuzz_firmware python -m tools.hostile.firmware --inputs 10000000
-                keep fuzz_firmware_own_bus python -m tools.hostile.firmware --inputs 1000000 \
+                keep fuzz_firmware python -m tools.fuzz_firmware --inputs 10000000
+                keep fuzz_firmware_own_bus python -m tools.fuzz_firmware --inputs 1000000 \
                     --dbc examples/own_bus/own.dbc --map examples/own_bus/own.toml ;;
-            hostile_files) keep hostile_files python -m tools.hostile.files --each 100 ;;
-            guided_files) keep guided_files python -m tools.hostile.guided --inputs 800 ;;
-            kills) keep kills python -m tools.hostile.kills ;;
-            endurance) keep endurance python -m tools.hostile.long_run ;;
             exchange)
                 keep exchange scripts/exchange-evidence
                 keep exchange_equality pytest -n 0 -v -m slow tests/canroll/extensions/exchange ;;

@@ -3,16 +3,21 @@
 import io
 import json
 import random
+import re
 import shutil
+import subprocess
+import sys
 import time
 import tomllib
 import tracemalloc
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 import tomli_w
 from scipy.io import savemat
+from support import hostile_formats as formats
 
 import vehicles
 from canroll import documents
@@ -27,9 +32,8 @@ from plant_sim.can_bus import load_profile
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.traffic.log_playback import load_recording
 from plant_sim.faults.language import read_file as read_faults
-from tools.hostile import files as loop
-from tools.hostile import formats
 
+TESTS = Path(__file__).parent
 ROUNDS = 40
 COSTLY = 4
 
@@ -50,14 +54,39 @@ def name_of(form):
 EACH = [pytest.param(f, marks=pytest.mark.slow) if f.costly else f for f in formats.FORMATS]
 
 
-@pytest.mark.parametrize("form", EACH, ids=name_of)
-def test_a_damaged_file_is_read_or_refused(form, good, tmp_path):
+def damage(form, good, folder, rounds, seed=""):
+    """Read a good file, and ``rounds`` damaged ones."""
     if remedy := formats.lacking(form):
         pytest.skip(remedy)
     assert formats.refusal(form, good / form.name) == ""
-    source = random.Random(name_of(form))
-    for n in range(COSTLY if form.costly else ROUNDS):
-        formats.refusal(form, formats.damage(form, good, tmp_path / str(n), source))
+    source = random.Random(name_of(form) + seed)
+    for n in range(rounds):
+        # a name of its own: readers keep what they have read
+        path = formats.damage(form, good, folder / str(n), source)
+        formats.refusal(form, path)
+        shutil.rmtree(path.parent)
+
+
+@pytest.mark.parametrize("form", EACH, ids=name_of)
+def test_a_damaged_file_is_read_or_refused(form, good, tmp_path):
+    damage(form, good, tmp_path, COSTLY if form.costly else ROUNDS)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("form", formats.FORMATS, ids=name_of)
+def test_many_damaged_files_are_read_or_refused(form, good, tmp_path):
+    damage(form, good, tmp_path, 10 * (COSTLY if form.costly else ROUNDS), "long")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["faults/faults.toml", "bus/own.dbc"])
+def test_inputs_guided_by_coverage_are_read_or_refused(name, good):
+    pytest.importorskip("atheris", reason="needs atheris: pip install 'canroll[judges]'")
+    command = [sys.executable, "-m", "support.fuzz_files", name, str(good), "-runs=800", "-seed=1"]
+    done = subprocess.run(command, cwd=TESTS, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    seen = [int(count) for count in re.findall(r"cov: (\d+)", done.stderr)]
+    assert seen[-1] > seen[0]
 
 
 def leaves(tree):
@@ -91,16 +120,6 @@ def test_a_file_that_names_code_executes_none(form, good, tmp_path, monkeypatch)
             form.mend(path)
         formats.refusal(form, path)
         assert not (tmp_path / "sprung").exists(), key
-
-
-def test_the_loop_finds_what_a_reader_lets_through(good, tmp_path):
-    def fails(path):
-        return {}[path]
-
-    form = formats.Format("faults", "faults.toml", fails)
-    found = loop.Counter()
-    assert loop.attempt(form, good / form.name, found) == "failed"
-    assert next(iter(found)).startswith("faults/faults.toml: KeyError at ")
 
 
 DEEP = "a = " + "[" * 20_000

@@ -81,8 +81,6 @@ FLOORS: tuple[tuple[str, ...], ...] = (
         "canroll.extensions.certify.cli",
     ),
     ("tools",),
-    ("tools.mutation", "tools.differential", "tools.validation"),
-    ("tools.hostile",),
 )
 """Rooms, lowest floor first; the three lowest hold single files."""
 

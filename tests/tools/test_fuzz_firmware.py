@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from codegen.run import ecu_traffic, native
-from tools.hostile import firmware as fuzzing
+from tools import fuzz_firmware as fuzzing
 
 ROOT = Path(__file__).parents[2]
 OWN_BUS = ROOT / "examples" / "own_bus"

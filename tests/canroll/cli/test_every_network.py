@@ -5,13 +5,13 @@ from pathlib import Path
 import can
 import cantools
 import pytest
+from support.hostile_samples import ARXML
 
 from canroll.cli.main import main
 from codegen.run.cortex import has_pip_tools
 from plant_sim.can_bus import advance, build_network, drain
 from plant_sim.can_bus.simulation.response_times import traffic_spec
 from plant_sim.can_bus.traffic.messages import BusMessage
-from tools.hostile.samples import ARXML
 
 OWN = Path(__file__).parents[3] / "examples" / "own_bus"
 MS = 1_000_000

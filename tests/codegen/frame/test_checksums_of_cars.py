@@ -1,6 +1,6 @@
 """Checksums of real cars: frames that opendbc's own functions finished, and the map's entries.
 
-``support/car_frames.json`` is made by ``tools.validation.car_checksums``; most entries of the map
+``support/car_frames.json`` has random frames that opendbc 0.3.1 finished; most entries of the map
 are those that docs/file-formats.md shows.
 """
 

@@ -9,7 +9,7 @@ from codegen.run.footprint import FLOAT, footprint
 from firmware.calibration import Calibration
 from firmware.com.signals import RX_IDS
 from firmware.state import ACTIVE, DEGRADED, Ecu
-from tools.differential import recorded_traffic
+from tools import recorded_traffic
 
 CPUS = [c if c == "cortex-m4" else pytest.param(c, marks=pytest.mark.long) for c in cortex.CPUS]
 pytestmark = [

@@ -14,7 +14,7 @@ from codegen.worst_case.cycles import Timing
 from codegen.worst_case.firmware_bound import cycle_costs
 from firmware.calibration import Calibration
 from firmware.state import ACTIVE, DEGRADED, INIT, SAFE
-from tools.differential import recorded_traffic
+from tools import recorded_traffic
 
 pytestmark = [
     pytest.mark.slow,

@@ -18,8 +18,8 @@ from firmware.calibration import Calibration
 from firmware.check import RULE_CRC
 from firmware.com.signals import RX_IDS
 from firmware.state import ACTIVE, DEGRADED, INIT, SAFE, Ecu
-from tools.differential import recorded_traffic
-from tools.differential.recorded_traffic import Case
+from tools import recorded_traffic
+from tools.recorded_traffic import Case
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 ROOT = Path(__file__).parents[3]

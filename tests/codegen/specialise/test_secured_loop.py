@@ -11,8 +11,8 @@ from codegen.specialise.firmware import specialised
 from dbc import SECURED_MAP, SECURED_PATH
 from dbc.keys import DEVELOPMENT_KEY
 from firmware.state import ACTIVE
-from tools.differential import recorded_traffic
-from tools.differential.recorded_traffic import Case
+from tools import recorded_traffic
+from tools.recorded_traffic import Case
 
 pytestmark = [
     pytest.mark.slow,

@@ -14,8 +14,8 @@ from codegen.worst_case import firmware_bound as worst
 from codegen.worst_case.cycles import Timing
 from dbc import SECURED_MAP, SECURED_PATH
 from dbc.keys import DEVELOPMENT_KEY
-from tools.differential import recorded_traffic
-from tools.differential.recorded_traffic import Case
+from tools import recorded_traffic
+from tools.recorded_traffic import Case
 
 pytestmark = pytest.mark.slow
 

@@ -1,6 +1,6 @@
 """The Magic Formula tyre: values of two public implementations, signs, sides and what designs take.
 
-The values are by scripts/tyre-references; tools/validation/tyre_references.py has their sources.
+The values are those of two public implementations; support/tyre_references.py has their sources.
 """
 
 from math import sin, tan
@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support import tyre_references as references
 
-from tools.validation import tyre_references as references
 from vehicles.tyres import tir
 from vehicles.tyres.magic_formula import Coefficients, MagicFormula
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import tomli_w
+from support import fit_truth
 
 import vehicles
 from canroll.cli.main import main
 from canroll.extensions.car.identification import input_noise
 from canroll.extensions.car.identification.unknowns import NUMBERS
-from tools.validation import fit_truth
 from vehicles import plausible
 
 FREE = ("tyre.cornering_stiffness_front", "tyre.cornering_stiffness_rear")

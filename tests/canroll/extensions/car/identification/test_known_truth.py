@@ -5,11 +5,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support import fit_truth
 
 import vehicles
 from canroll.extensions.car.identification.fit import FitSettings, _held
 from canroll.extensions.car.identification.unknowns import NUMBERS, unknowns
-from tools.validation import fit_truth
 
 FREE = (
     "tyre.cornering_stiffness_front",

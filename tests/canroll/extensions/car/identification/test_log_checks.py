@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from support import fit_truth
 
 import vehicles
 from canroll.errors import CanrollError
@@ -12,7 +13,6 @@ from canroll.extensions.car.identification.log_checks import check
 from canroll.extensions.car.identification.output_error import Model
 from canroll.extensions.car.identification.pieces import EVERYTHING, pieces
 from canroll.extensions.car.identification.unknowns import unknowns
-from tools.validation import fit_truth
 
 RATIO = 16.5
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from support import fit_truth
 
 from canroll.extensions.car.identification.output_error import Model, Simulator
 from canroll.extensions.car.identification.pieces import EVERYTHING, pieces
 from canroll.extensions.car.identification.unknowns import unknowns
-from tools.validation import fit_truth
 
 CENTRAL = 1e-6
 

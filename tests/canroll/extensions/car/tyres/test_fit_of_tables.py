@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support import tyre_references as references
 
 import vehicles
 from canroll.errors import CanrollError
@@ -14,7 +15,6 @@ from canroll.extensions.car.tyres.tyre_view import file_text, untold_lines
 from plant_sim import bodies
 from plant_sim.bodies import ports
 from plant_sim.world import open_loop
-from tools.validation import tyre_references as references
 from vehicles.tyres import tir
 from vehicles.tyres.magic_formula import Coefficients
 

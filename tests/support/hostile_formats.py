@@ -42,7 +42,7 @@ from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.traffic.log_playback import load_recording
 from plant_sim.driving import signal_file
 from plant_sim.faults.language import read_file as read_faults
-from tools.hostile import samples
+from support import hostile_samples as samples
 
 ROOT = Path(__file__).parents[2]
 HARSH = (
@@ -65,7 +65,6 @@ class Format:
         read: reads it.
         mend: makes checksums over the damaged file fit again, so that more than they are tried.
         costly: reading takes about a second.
-        apart: it is read in a process of its own, by compiled code that a damaged file can end.
     """
 
     folder: str
@@ -73,7 +72,6 @@ class Format:
     read: Callable[[Path], object]
     mend: Callable[[Path], None] | None = None
     costly: bool = False
-    apart: bool = False
 
     @property
     def name(self) -> str:
@@ -160,7 +158,7 @@ def _settings() -> Settings:
 
 
 def _plan(path: Path) -> object:
-    return store.plan_in(path.parent)
+    return store.opened(path.parent, "digest", {}, resume=True)
 
 
 def _fmu(path: Path) -> object:
@@ -194,15 +192,15 @@ FORMATS = (
     Format("secured", "memory.json", lasting.read),
     Format("gains", "gains.toml", read_matrices),
     Format("gains", "gains.npz", read_matrices),
-    Format("gains", "gains.mat", read_matrices, costly=True, apart=True),
+    Format("gains", "gains.mat", read_matrices, costly=True),
     Format("signal", "signal.csv", _signal),
     Format("stage", "stage.py", _stage, costly=True),
     Format("fmu", "van.fmu", _fmu),
     Format("fmu", "van.toml", _fmu),
     Format("elf", "firmware.elf", a2l.addresses),
     *(Format("log", f"log.{suffix}", _log) for suffix in LOGS),
-    Format("mf4", "log.mf4", _log, costly=True, apart=True),
-    Format("mf4", "measurement.mf4", _measurement, costly=True, apart=True),
+    Format("mf4", "log.mf4", _log, costly=True),
+    Format("mf4", "measurement.mf4", _measurement, costly=True),
     Format("run", "ticks.npz", tick_trace.load),
     Format("run", "plant.npz", plant_record.load),
     Format("run", saved_run.RESULT, _run),

@@ -5,12 +5,12 @@ from functools import cache
 
 import numpy as np
 import pytest
+from support import measured_car, measured_fit
+from support.measured_car import FIRST, MANOEUVRE, SECOND
+from support.measured_fit import UNKNOWNS
 
 from canroll.extensions.car.identification.agreement import agreement
 from canroll.extensions.car.identification.pieces import Window
-from tools.validation import measured_car, measured_fit
-from tools.validation.measured_car import FIRST, MANOEUVRE, SECOND
-from tools.validation.measured_fit import UNKNOWNS
 from vehicles.fit_spread import value_of
 
 SLOW = pytest.mark.slow
@@ -125,11 +125,3 @@ def test_variance_accounted_for_ignores_an_offset_alone():
     assert explained(measured + 1.0) == pytest.approx(1.0)
     assert explained(0.0 * measured) == pytest.approx(0.0)
     assert explained(0.9 * measured) == pytest.approx(0.99)
-
-
-def test_the_picture_is_drawn_or_refused(tmp_path):
-    path = tmp_path / "measured.png"
-    assert measured_car.main(["picture", str(path)]) == 0
-    assert path.read_bytes().startswith(b"\x89PNG")
-    assert measured_car.main(["picture", str(tmp_path / "missing" / "measured.png")]) == 2
-    assert measured_car.main(["unknown"]) == 2

@@ -11,15 +11,15 @@ import vehicles
 
 pytest.importorskip("vehiclemodels", reason="needs commonroad-vehicle-models")
 
+from support import comparison_cases as ours
+from support import multi_body
 from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
 
-from tools.validation import comparison_cases as ours
-from tools.validation import multi_body
 from vehicles.suspensions.tables import section
 
 LONG = pytest.mark.long
 pytestmark = pytest.mark.slow
-TYRE = Path(__file__).parents[1] / "vehicles" / "tyres" / "passenger_52.tir"
+TYRE = Path(__file__).parents[2] / "vehicles" / "tyres" / "passenger_52.tir"
 
 
 @cache

@@ -1,9 +1,9 @@
 """Fuzzing of the firmware's ``receive`` and ``tick`` as C under AddressSanitizer and UBSan.
 
-    python -m tools.hostile.firmware [--inputs N] [--seed S] [--dbc DBC … --map MAP] [--keep FOLDER]
+    python -m tools.fuzz_firmware [--inputs N] [--seed S] [--dbc DBC … --map MAP] [--keep FOLDER]
 
-The driver (driver.c) runs the loop, with XCP and UDS beside it where the bus has them, on random
-calibrations that ``check`` accepts and on designs of the generator, with frames of driven
+The driver (fuzz_firmware.c) runs the loop, with XCP and UDS beside it where the bus has them, on
+random calibrations that ``check`` accepts and on designs of the generator, with frames of driven
 manoeuvres and random ones. Inputs are mutated from those that executed something new. Any crash,
 undefined behaviour or field outside its declared range ends it with exit code 1; the file ``crash``
 in the folder then repeats it.
@@ -27,7 +27,7 @@ from codegen.run.services import uds_frames, xcp_frames
 from dbc.reader import Files, paths_of
 from firmware.calibration import Calibration
 from firmware.subset import fields
-from tools.differential.recorded_traffic import CASES, Recording, record
+from tools.recorded_traffic import CASES, Recording, record
 
 FLAGS = (
     *("-std=c99", "-g", "-O1", "-fno-omit-frame-pointer", "-no-pie", "-w"),
@@ -144,7 +144,7 @@ def build(
     (folder / "material.h").write_text(header, encoding="utf-8")
     sources = sorted(str(path) for path in folder.glob("*.c"))
     objects = [f"{path}.o" for path in sources]
-    driver = str(Path(__file__).with_name("driver.c"))
+    driver = str(Path(__file__).with_suffix(".c"))
     program = folder / "fuzz"
     command = [cc, *FLAGS, "-I", str(folder)]
     steps = [

@@ -37,9 +37,11 @@ _AXLES = (
     SimpleNamespace(roll=13, roll_rate=14, side=15, height=16),
     SimpleNamespace(roll=18, roll_rate=19, side=20, height=21),
 )
-_UNUSED = ("r_bx1", "r_bx2", "r_ex1", "r_hx1", "r_by1", "r_by2", "r_by3", "r_ey1", "r_hy1")
-_UNUSED += ("r_vy1", "r_vy3", "r_vy4", "r_vy5", "r_vy6", "p_dx3", "p_hx1", "p_vx1", "p_dy3")
-_UNUSED += ("p_hy1", "p_hy3", "p_vy1", "p_vy3")
+_UNUSED = (
+    *("r_bx1", "r_bx2", "r_ex1", "r_hx1", "r_by1", "r_by2", "r_by3", "r_ey1", "r_hy1", "r_vy1"),
+    *("r_vy3", "r_vy4", "r_vy5", "r_vy6", "p_dx3", "p_hx1", "p_vx1", "p_dy3", "p_hy1", "p_hy3"),
+    *("p_vy1", "p_vy3"),
+)
 
 
 class Motion(NamedTuple):
@@ -143,7 +145,7 @@ def parameters(vehicle: Vehicle) -> SimpleNamespace:
     )
 
 
-def standing(p: Any, speed: float) -> Vector:  # noqa: ANN401
+def standing(p: Any, speed: float) -> Vector:
     """Return the state of straight running at ``speed`` (m/s) with springs and tyres at rest."""
     state = np.array(init_mb([0, 0, 0, speed, 0, 0, 0], p), dtype=float)
     front, rear = (state[axle.height] for axle in _AXLES)
@@ -159,15 +161,15 @@ class _AtContactPatch:
     axle. Wheels are called in the order left, right, front before rear.
     """
 
-    def __init__(self, p: Any) -> None:  # noqa: ANN401
+    def __init__(self, p: Any) -> None:
         self.p = p
         self.state: list[float] = []
         self.wheel = 0
 
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401
+    def __getattr__(self, name: str) -> Any:
         return getattr(_PUBLISHED_TYRE, name)
 
-    def formula_lateral(self, _published: float, camber: float, load: float, tire: Any) -> Any:  # noqa: ANN401
+    def formula_lateral(self, _published: float, camber: float, load: float, tire: Any) -> Any:
         axle, (side, track) = _AXLES[self.wheel // 2], self._place()
         x = self.state
         aside = x[axle.side] - x[axle.roll_rate] * (self.p.R_w - x[axle.height])
@@ -186,7 +188,7 @@ _PUBLISHED_TYRE = published.tireModel
 
 
 @contextmanager
-def _rates(p: Any, *, as_published: bool) -> Iterator[Callable[[Vector, float], Vector]]:  # noqa: ANN401
+def _rates(p: Any, *, as_published: bool) -> Iterator[Callable[[Vector, float], Vector]]:
     """Return the rates of the state at a steering angle (rad), as published or completed.
 
     That is the slip at the road, and in the yaw equation the axles' sideways motion relative to the
@@ -218,7 +220,7 @@ def _rates(p: Any, *, as_published: bool) -> Iterator[Callable[[Vector, float], 
 
 
 def simulate(
-    p: Any,  # noqa: ANN401
+    p: Any,
     speed: float,
     steer: Vector,
     moments: NDArray[np.float64] | None = None,
@@ -263,7 +265,7 @@ def simulate(
     return Motion(yaw_rate, roll, lateral, loads, speeds, sideslip, roll_rate, body)
 
 
-def _loads(p: Any, state: Vector) -> list[float]:  # noqa: ANN401
+def _loads(p: Any, state: Vector) -> list[float]:
     found = []
     for axle, track in zip(_AXLES, (p.T_f, p.T_r), strict=True):
         middle = state[axle.height] + p.R_w * (cos(state[axle.roll]) - 1.0)

@@ -12,7 +12,7 @@ from plant_sim.bodies import ports
 from plant_sim.bodies.ports import initial_inputs
 from plant_sim.driving import maneuvers
 from plant_sim.world.open_loop import advance, run_passive
-from tools.validation.multi_body import STEP, Motion, light_wheel
+from support.multi_body import STEP, Motion, light_wheel
 from vehicles import GRAVITY, Vehicle
 
 NONLINEAR = bodies.body("nonlinear")

@@ -5,9 +5,9 @@ what is unknown: one delay of the steering instead of one of each signal, and fo
 of gravity in the lateral acceleration and a crossfall of the road.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import floor, inf, log10
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,22 +163,3 @@ def fit(
         unknowns.applied(vehicle, values),
         {key: value for key, value in values.items() if key.startswith(unknowns.LOG)},
     )
-
-
-def table(fitted: Fit) -> Iterator[str]:
-    """Lines of a table: value and standard deviation of each unknown, and its prior.
-
-    Values are rounded to the second digit of their deviation, as in the vehicle file.
-    Learnt: how much smaller the deviation is than the prior's, 0 if the drive says nothing.
-    """
-    yield "| number | fitted | ± | prior | learnt from the drive |"
-    yield "| --- | ---: | ---: | --- | ---: |"
-    for unknown, value, deviation in zip(
-        fitted.unknowns, fitted.values, fitted.deviations, strict=True
-    ):
-        digits = 1 - floor(log10(deviation))
-        fitted_value = f"{round(value, digits):g} | {round(deviation, digits):g}"
-        prior = f"{unknown.mean:g} ± {unknown.deviation:g}"
-        prior += f": {unknown.prior}" if unknown.prior else ""
-        learnt = 1.0 - deviation / unknown.deviation
-        yield f"| `{unknown.key}` | {fitted_value} | {prior} | {learnt:.0%} |"

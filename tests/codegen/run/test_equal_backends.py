@@ -1,0 +1,105 @@
+"""CPython, native code and a Cortex-M give the same bytes on recorded and disturbed drives."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from codegen.run import cortex, ecu_traffic, memory_image, native, qemu
+from codegen.run.backends import PythonEcu
+from codegen.run.bus_firmware import built_in
+from firmware.calibration import Calibration
+from firmware.com.signals import RX_IDS
+from firmware.state import ACTIVE, Ecu
+from tools.recorded_traffic import CASES, record
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler"),
+]
+TICKS = 500
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    return [record(case, 3.0) for case in (CASES[2], CASES[-1])]
+
+
+def reference(calibration, traffic):
+    """Results of the native library."""
+    cals = np.frombuffer(memory_image.image(calibration), memory_image.dtype(Calibration), 1).copy()
+    library = native.library_of(built_in())
+    return library.replay(library.start(cals), cals, [traffic], states=True)
+
+
+def python_states(calibration, traffic):
+    """The state after each tick in CPython."""
+    ecu = PythonEcu(calibration)
+    bounds = np.searchsorted(traffic.frames["tick"], np.arange(traffic.ticks + 1))
+    for t in range(traffic.ticks):
+        for event in traffic.frames[bounds[t] : bounds[t + 1]]:
+            ident = RX_IDS[event["message"]]
+            ecu.receive(ident, event["payload"].tobytes(), int(event["length"]))
+        ecu.tick(int(traffic.elapsed[t]))
+        yield ecu.image()
+
+
+def runs(recorded, first, count):
+    """One of four is a random calibration in random traffic, three are disturbed recordings."""
+    for k in range(first, first + count):
+        if k % 4 == 0:
+            traffic = ecu_traffic.random_traffic(k, TICKS, hostile=0.15 if k % 8 == 0 else 0.01)
+            yield ecu_traffic.random_calibration(k), traffic
+        else:
+            chosen = recorded[k % len(recorded)]
+            yield chosen.calibration, ecu_traffic.disturbed(chosen.traffic, k)
+
+
+def assert_equal(calibration, traffic, states):
+    for t, (wanted, state) in enumerate(
+        zip(reference(calibration, traffic).states[0], states, strict=True)
+    ):
+        differing = memory_image.differences(Ecu, wanted.tobytes(), state)
+        assert state == wanted.tobytes(), f"tick {t}: {', '.join(differing)}"
+
+
+@pytest.mark.parametrize("first", [1001, pytest.param(2001, marks=pytest.mark.long)])
+def test_python_is_native(recorded, first):
+    count = 4 if first == 1001 else 120
+    for calibration, traffic in runs(recorded, first, count):
+        assert_equal(calibration, traffic, python_states(calibration, traffic))
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not cortex.has_gcc_and_qemu(), reason="needs gcc-arm-none-eabi and QEMU")
+def test_a_cortex_is_native(recorded):
+    for calibration, traffic in runs(recorded, 3001, 40):
+        on_target = qemu.replay(calibration, traffic, "cortex-m4")
+        assert on_target.frames.tobytes() == reference(calibration, traffic).frames.tobytes()
+        assert_equal(calibration, traffic, [state.tobytes() for state in on_target.states])
+
+
+def test_the_loop_is_active_for_a_real_share_and_met_in_all_modes(recorded):
+    modes = np.zeros(4, np.int64)
+    for calibration, traffic in runs(recorded, 1001, 40):
+        modes += np.bincount(reference(calibration, traffic).states[0]["mode"], minlength=4)
+    assert modes[ACTIVE] > 0.4 * modes.sum()
+    assert modes.min() > 0
+
+
+def test_disturbed_traffic_hurts_in_episodes_only(recorded):
+    traffic = recorded[0].traffic
+    hurt = ecu_traffic.disturbed(traffic, 5)
+    before, after = (Counter(f.tobytes() for f in t.frames) for t in (traffic, hurt))
+    lost = before - after
+    assert 0 < sum(lost.values()) < 0.2 * len(traffic.frames)
+    assert np.array_equal(ecu_traffic.disturbed(traffic, 5).frames, hurt.frames)
+    ticks = {np.frombuffer(f, ecu_traffic.EVENT)["tick"][0] for f in lost}
+    assert len(ticks) < 0.2 * traffic.ticks
+
+
+def test_the_cases_are_all_actuators_and_observers():
+    from gain_gen.laws import OBSERVERS
+
+    assert {case.actuator for case in CASES} >= {"suspension", "bars", "dampers", "valves"}
+    assert {case.observer for case in CASES} >= {None, *OBSERVERS} - {"two_sensors"}

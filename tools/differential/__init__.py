@@ -1,1 +1,0 @@
-"""All backends tick by tick on the same traffic."""

@@ -1,1 +1,0 @@
-"""Hostile input: fuzzing of the firmware and of every reader, kills, long runs."""

@@ -1,1 +1,0 @@
-"""Mutation test of the firmware: does any test notice?"""

@@ -1,1 +1,0 @@
-"""Validation of the 14-DOF plant by an independent multi-body car: the CommonRoad package."""
