@@ -5,10 +5,10 @@
 #   ./test.sh [--all] …   what follows goes on to pytest, such as tests/firmware or -k trigger
 set -euo pipefail
 cd "$(dirname "$0")"
-set=dev tier="not slow" left_out="--ignore=tests/canroll/extensions"
+set=dev tier="not slow"
 if [ "${1:-}" = --all ]; then
     shift
-    set=judges tier="not long" left_out=""
+    set=judges tier="not long"
 fi
 scripts/setup-venv "$set"
 # small matrices: threads of the linear algebra only wait for one another
@@ -23,7 +23,7 @@ scripts/lint mypy >"$types" 2>&1 &
 checker=$! code=0
 # compiled once, not by each of the workers; a verdict on a tenth of a second is none
 .venv/bin/canroll run double_lane_change --duration 0.1 --json >/dev/null || true
-.venv/bin/pytest -n 2 --dist loadfile --durations=10 --durations-min=1 -m "$tier" ${left_out:+"$left_out"} "$@" || code=$?
+.venv/bin/pytest -n 2 --dist loadfile --durations=10 --durations-min=1 -m "$tier" "$@" || code=$?
 if ! wait "$checker"; then
     cat "$types"
     [ "$code" != 0 ] || code=1

@@ -24,23 +24,9 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 subprocess.Popen = Forked  # type: ignore[misc]
 NOT_CORE = [
     Path(__file__).parent / folder
-    for folder in (
-        "canroll/extensions/campaign",
-        "canroll/extensions/exchange",
-        "canroll/extensions/car/identification",
-        "canroll/extensions/papers",
-        "canroll/extensions/car/tyres",
-        "canroll/extensions/car/validation",
-        "canroll/extensions/exchange/fmu",
-        "codegen/specialise",
-        "firmware/services",
-        "canroll/extensions/certify",
-        "canroll/extensions/exchange/fmi",
-        "tools",
-        "canroll/extensions/car/sizing",
-    )
+    for folder in ("canroll/extensions", "codegen/specialise", "tools")
 ]
-"""Nothing else needs what these test; the commands for it are tried in canroll/cli all the same."""
+"""Nothing else needs what these test."""
 REPORTER = pytest.StashKey[pytest.TerminalReporter]()
 
 gc.disable()

@@ -55,6 +55,7 @@ def test_commands_of_the_core_run_and_others_are_unknown(core, tmp_path):
     for words in (DESIGNED, RUN, ("bus", "500k"), ("prove",), ("export-c", "bundle")):
         done = python(core, tmp_path, "-m", "canroll.cli.main", *words)
         assert (done.returncode, done.stderr) == (0, ""), words
+    assert "--xcp" not in python(core, tmp_path, "-m", "canroll.cli.main", "ecu", "--help").stdout
     listed = python(core, tmp_path, "-m", "canroll.cli.main", "--help").stdout
     for name in ("fit", "certify", "campaign", "reproduce", "export-fmu"):
         assert f"  {name} " not in listed

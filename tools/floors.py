@@ -67,11 +67,13 @@ FLOORS: tuple[tuple[str, ...], ...] = (
         "canroll.extensions.exchange.fmu",
         "canroll.extensions.exchange.kernels",
         "canroll.extensions.certify",
+        "canroll.extensions.services.modules",
     ),
     (
         "canroll.extensions.car.tyres",
         "canroll.extensions.car.validation",
         "canroll.extensions.exchange",
+        "canroll.extensions.services",
     ),
     (
         "canroll.extensions.campaign.cli",

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError
+from canroll.extensions.services.running import uds_frames, xcp_frames
 from codegen.generated.mailbox import Mailbox
 from codegen.run import ecu_traffic, memory_image, native
 from codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_services
-from codegen.run.services import uds_frames, xcp_frames
 from dbc.reader import Files, paths_of
 from firmware.calibration import Calibration
 from firmware.subset import fields

@@ -15,7 +15,7 @@ from canroll.network.show import parts
 from canroll.network.sources import BusNetwork, BusReplay, TrafficSet
 from canroll.report.console import Console
 from canroll.setup.choices import CHOICES, check
-from firmware.services.xcp_state import N_ODT
+from codegen.generated.bus_map import MOST_LISTED
 from plant_sim.buses import BUSES
 from plant_sim.can_bus.bounds.analysis import ErrorModel
 from plant_sim.can_bus.network.network_file import is_network, load_profile
@@ -135,8 +135,8 @@ def _check(args: argparse.Namespace) -> None:
         least = 0.0 if option == "simulate" else 1e-3
         if value is not None and not (value >= least and math.isfinite(value)):
             raise CanrollError(f"{_written(option)} must be at least {least:g}, got {value:g}")
-    if args.xcp is not None and not 0 <= args.xcp <= N_ODT:
-        raise CanrollError(f"--xcp must be 0 to {N_ODT} frames, got {args.xcp}")
+    if args.xcp is not None and not 0 <= args.xcp <= MOST_LISTED:
+        raise CanrollError(f"--xcp must be 0 to {MOST_LISTED} frames, got {args.xcp}")
     if args.replay is not None and args.simulate <= 0.0:
         raise CanrollError("--replay needs --simulate above 0")
     if args.serve is not None and not 0 <= args.serve <= MAX_PORT:

@@ -8,18 +8,19 @@ from canroll.cli.options import (
     EXECUTION,
     JSON,
     OF_A_RUN,
-    SERVICE_OPTIONS,
     SPREAD,
     choices,
     execution,
     key_value,
     path_named,
     scenario,
+    service_flags,
+    services,
     verbose,
 )
 from canroll.cli.parser import Parser, Relations, flag, opt, related, repeated
 from codegen.export.prefix import DEFAULT
-from codegen.run import BACKENDS, SERVICES
+from codegen.run import BACKENDS
 
 DEFAULT_DELAY_MS = 20.0
 OF_A_DESIGN = (
@@ -148,10 +149,9 @@ def export_c(parser: Parser) -> None:
         opt("--prefix", str, "NAME", "of all public symbols, macros and files, for several bundles "
             "in one image (default: %(default)s)", DEFAULT,
             excludes={"elf": "the bundle has its own"}),
-        *SERVICE_OPTIONS,
-        flag("--nvm", "with functions that save faults and learnt offsets over a loss of power"),
+        *service_flags(services(exported=True)),
         related(Relations(excludes={
             "specialise": "--specialise has the calibration compiled in"}),
-            "elf", "address", *SERVICES, "nvm"),
+            "elf", "address", *services(exported=True)),
         related(Relations(excludes={"elf": "the image says its own"}), "address", "byte_order"),
     )  # fmt: skip

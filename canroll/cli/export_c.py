@@ -22,8 +22,9 @@ from codegen.export import a2l, bundle, prefix
 from codegen.export.header import gains_header
 from codegen.generated import signals
 from codegen.generated.bus_map import load as load_map
-from codegen.run import LASTING, ecu_traffic, memory_image
+from codegen.run import ecu_traffic, memory_image
 from codegen.run.ecu_traffic import EcuTraffic
+from codegen.run.service import SERVICES
 from dbc.reader import paths_of
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.dequantise import physical_notes
@@ -47,7 +48,8 @@ def run(args: argparse.Namespace) -> int:
         raise CanrollError("--dbc and --map require each other")
     if args.dbc is not None:
         bundle.refuse_namesakes(paths_of(args.dbc))
-    for name in chosen_services(args) if args.dbc is not None else ():
+    heard = [name for name in chosen_services(args) if SERVICES[name].start]
+    for name in heard if args.dbc is not None else ():
         if getattr(load_map(paths_of(args.dbc), Path(args.map)), name) is None:
             raise CanrollError(
                 f"--{name}: {args.map} has no table [{name}] with the identifiers: add it"
@@ -125,19 +127,11 @@ def described(
         origin=origin,
         stage=controller.stage,
         specialised=args.specialise,
-        services=services_of(args),
+        services=chosen_services(args),
         byte_order=args.byte_order or "little",
         measured=True,
         prefix=args.prefix,
     )
-
-
-def services_of(args: argparse.Namespace) -> tuple[str, ...]:
-    """Return all modules but the loop: the services, and what saves loop and diagnostics."""
-    services = chosen_services(args)
-    if args.nvm:
-        services += LASTING if args.uds else LASTING[:1]
-    return services
 
 
 def joined(first: EcuTraffic, second: EcuTraffic) -> EcuTraffic:

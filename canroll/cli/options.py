@@ -13,7 +13,7 @@ from canroll.cli.parser import Option, Parser, Relations, flag, opt, repeated
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.setup.choice import Choice, one_or_several, several
 from canroll.setup.choices import CHOICES, chosen
-from codegen.run import SERVICES
+from codegen.run.service import SERVICES, with_implied
 from plant_sim.driving import MANEUVERS
 
 DEFAULT_OUT = Path("out")
@@ -144,15 +144,22 @@ def _shown(default: Any) -> str:  # noqa: ANN401
     return f"{default:g}" if isinstance(default, float) else str(default)
 
 
-SERVICE_OPTIONS = (
-    flag("--xcp", "with XCP: measure, calibrate, change pages"),
-    flag("--uds", "with diagnostics: fault codes and data by UDS"),
-)
+def services(*, exported: bool = False) -> list[str]:
+    """Return the services that can run beside the ECU; those that a bundle can have too."""
+    named = [name for name in SERVICES if not SERVICES[name].needs]
+    return [name for name in named if exported or SERVICES[name].start]
+
+
+def service_flags(names: Iterable[str]) -> list[Option]:
+    """Return an option for each of the services."""
+    texts = {name: SERVICES.description(name).removesuffix(".") for name in names}
+    return [flag(f"--{name}", text[:1].lower() + text[1:]) for name, text in texts.items()]
 
 
 def chosen_services(args: argparse.Namespace) -> tuple[str, ...]:
-    """Return the chosen services."""
-    return tuple(name for name in SERVICES if getattr(args, name))
+    """Return the chosen services, and those that are there because of them."""
+    names = services(exported=True)
+    return with_implied(tuple(name for name in names if getattr(args, name, False)))
 
 
 def by_key(option: str, pairs: Sequence[tuple[str, str]]) -> dict[str, str]:

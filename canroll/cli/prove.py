@@ -10,13 +10,14 @@ from canroll.cli.options import choices_of
 from canroll.errors import CanrollError
 from canroll.setup.own_stages import stage_of
 from codegen.proof import prove
-from codegen.run import LASTING, SERVICES, memory_image
+from codegen.run import memory_image
 from codegen.run.bus_firmware import (
     BusFirmware,
     built_in,
     with_services,
     with_stage,
 )
+from codegen.run.service import SERVICES
 from firmware.calibration import Calibration
 from firmware.check import check
 from gain_gen.calibration import calibration_file
@@ -26,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the proof; return 1 where an obligation isn't met."""
     loaded = None if args.calibration is None else calibration_file.load(args.calibration)
     stage = stage_of({} if loaded is None else loaded.tables, choices_of(args, ("stage",)))
-    firmware = with_services(with_stage(built_in(), stage), SERVICES + LASTING)
+    firmware = with_services(with_stage(built_in(), stage), tuple(SERVICES))
     name = str(args.calibration or "every calibration accepted by the ECU")
     record = None if loaded is None else loaded.record
     return report(record, firmware, name=name, as_json=args.json)

@@ -7,15 +7,15 @@ from canroll.cli.options import (
     PACES,
     RECORDING,
     SECTION,
-    SERVICE_OPTIONS,
     answer,
     choices,
     path_named,
     scenario_named,
+    service_flags,
+    services,
 )
 from canroll.cli.parser import Parser, Relations, flag, opt, related
 from canroll.setup.choices import CHOICES
-from codegen.run import SERVICES
 from hil.hardware.bus_options import add_bus_arguments
 
 OF_AN_ECU = ("calibration", "stage", "backend", "bus", "dbc", "map", "key")
@@ -92,20 +92,20 @@ def ecu(parser: Parser) -> None:
             "identified (default: that of the calibration)"),
         SECTION,
         *answer("the page of a bus log"),
-        *SERVICE_OPTIONS,
+        *service_flags(services()),
         MEMORY,
         related(Relations(only=(DRIVE,),
                           outside=": it belongs to --replay of a bus log: omit it"),
                 "section", "out", "json", "fitted"),
         related(Relations(only=(ON_A_BUS, DRIVE)), "calibration", "channel"),
-        related(Relations(only=(ON_A_BUS, TRACE)), *SERVICES),
+        related(Relations(only=(ON_A_BUS, TRACE)), *services()),
         related(Relations(only=(ON_A_BUS,)),
                 *("interface", "bitrate", "fd", "data_bitrate", "bus_kwargs", "timing", "duration"),
                 *("phase_ms", "trace", "pace", "peer_timeout", "cpu", "memory")),
         related(Relations(excludes={"pace=lockstep": "in lock step the plant grants the ticks: "
                           "give it to 'canroll plant'"}), "phase_ms"),
         related(Relations(excludes={"pace=lockstep": "a tool does not wait for grants"}),
-                *SERVICES),
+                *services()),
     )  # fmt: skip
 
 

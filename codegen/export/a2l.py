@@ -48,8 +48,8 @@ class Software:
 
     ``state`` is the class of the firmware's state record, ``program`` the firmware as data, by
     default that of the package; ``calibrated`` is whether the calibration can be tuned: specialised
-    code has it compiled in. ``slave`` is whether the XCP slave is that of the firmware, which reads
-    the two records alone and not the EPK.
+    code has it compiled in. ``slave``: the XCP slave where it is in the firmware, which reads the
+    two records alone and not the EPK.
     """
 
     epk: str
@@ -58,7 +58,7 @@ class Software:
     state: type[Any] = Ecu
     program: Program | None = None
     calibrated: bool = True
-    slave: bool = False
+    slave: a2l_xcp.Slave | None = None
 
     @property
     def records(self) -> dict[str, Any]:
@@ -116,8 +116,7 @@ def a2l(
         "    /end MOD_COMMON",
     ]
     if software.xcp:
-        period = software.record.tick_us if software.slave else None
-        lines += a2l_xcp.interface(software.xcp, period)
+        lines += a2l_xcp.interface(software.xcp, software.slave)
     for kind in sorted(set(TYPES.values())):
         lines += _block("RECORD_LAYOUT", f"{kind}_VALUES", [f"FNC_VALUES 1 {kind} ROW_DIR DIRECT"])
     lines += _block("RECORD_LAYOUT", "SLONG_AXIS", ["AXIS_PTS_X 1 SLONG INDEX_INCR DIRECT"])
@@ -180,7 +179,7 @@ def _block(kind: str, head: str, lines: list[str]) -> Iterator[str]:
 def _parameters(software: Software) -> Iterator[str]:
     record = software.record
     size = memory_image.dtype(Calibration).itemsize
-    pages = f"{a2l_xcp.segment()} " if software.slave else ""
+    pages = f"{software.slave.segment} " if software.slave else ""
     segment = [
         '/begin MEMORY_SEGMENT calibration "the calibration" '
         f"DATA FLASH INTERN 0x00000000 0x{size:X} -1 -1 -1 -1 -1 {pages}/end MEMORY_SEGMENT"

@@ -4,10 +4,10 @@ Names and order of the values are those of ASAM's XCP_common.aml and XCP_on_CAN.
 XCP), as far as they are used here.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 from codegen.generated.bus_map import XcpFrames
-from firmware.services import xcp_state
 
 TIMEOUT_MS = 2000
 """The check of a page takes up to 80 ticks of up to 20 ms."""
@@ -42,7 +42,6 @@ COMMANDS = (
     "ALLOC_ODT_ENTRY",
 )
 ENUM = ", ".join(f'"{name}" = {k}' for k, name in enumerate(COMMANDS))
-PAGE_ACCESS = "ECU_ACCESS_DONT_CARE XCP_READ_ACCESS_DONT_CARE"
 A2ML = """\
     /begin A2ML
       block "IF_DATA" taggedunion if_data {
@@ -105,18 +104,27 @@ A2ML = """\
     /end A2ML""".replace("COMMAND_ENUM", ENUM)
 
 
-def interface(xcp: XcpFrames, tick_us: int | None) -> Iterator[str]:
-    """The blocks of the module; ``tick_us`` is the period where the slave is ours, else None."""
-    timeouts = " ".join([str(TIMEOUT_MS if tick_us else 1000)] * 7)
+@dataclass(frozen=True, slots=True)
+class Slave:
+    """A slave in the firmware: its lists, pages of the calibration, addresses by symbol."""
+
+    lists: Sequence[str]
+    segment: str
+    addresses: Mapping[str, int]
+
+
+def interface(xcp: XcpFrames, slave: Slave | None) -> Iterator[str]:
+    """The blocks of the module; ``slave`` is None where it is not the firmware's."""
+    timeouts = " ".join([str(TIMEOUT_MS if slave else 1000)] * 7)
     yield "    /begin IF_DATA XCP"
     yield "      /begin PROTOCOL_LAYER"
     yield f"        0x0100 {timeouts} 8 8"
     yield "        BYTE_ORDER_MSB_LAST ADDRESS_GRANULARITY_BYTE"
-    if tick_us:
+    if slave:
         yield from (f"        OPTIONAL_CMD {name}" for name in COMMANDS)
     yield "      /end PROTOCOL_LAYER"
-    if tick_us:
-        yield from _lists(tick_us)
+    if slave:
+        yield from slave.lists
         yield "      /begin PAG 1 /end PAG"
     yield "      /begin XCP_ON_CAN 0x0100"
     yield f"        CAN_ID_MASTER 0x{xcp.master:X}"
@@ -124,36 +132,3 @@ def interface(xcp: XcpFrames, tick_us: int | None) -> Iterator[str]:
     yield f"        BAUDRATE {xcp.bitrate}"
     yield "      /end XCP_ON_CAN"
     yield "    /end IF_DATA"
-
-
-def _lists(tick_us: int) -> Iterator[str]:
-    cycle, unit = (tick_us // 1000, 6) if tick_us % 1000 == 0 else (tick_us // 100, 5)
-    yield "      /begin DAQ"
-    yield f"        DYNAMIC 0 {xcp_state.N_EVENTS} 0"
-    yield "        OPTIMISATION_TYPE_DEFAULT ADDRESS_EXTENSION_FREE"
-    yield "        IDENTIFICATION_FIELD_TYPE_ABSOLUTE GRANULARITY_ODT_ENTRY_SIZE_DAQ_BYTE"
-    yield f"        {xcp_state.ENTRY_BYTES} OVERLOAD_INDICATION_EVENT"
-    yield "        PRESCALER_SUPPORTED"
-    yield "        /begin TIMESTAMP_SUPPORTED 1 SIZE_DWORD UNIT_1US /end TIMESTAMP_SUPPORTED"
-    for name, number, period in (
-        ("tick", xcp_state.EVERY_TICK, f"{cycle} {unit}"),
-        ("command", xcp_state.COMMAND_SENT, f"0 {unit}"),
-    ):
-        yield (
-            f'        /begin EVENT "{name}" "{name}" {number} DAQ {xcp_state.N_DAQ} {period} 0 '
-            "/end EVENT"
-        )
-    yield "      /end DAQ"
-
-
-def segment() -> str:
-    """The block of the calibration's memory segment: its two pages."""
-    pages = (
-        (xcp_state.REFERENCE, "XCP_WRITE_ACCESS_NOT_ALLOWED"),
-        (xcp_state.WORKING, "XCP_WRITE_ACCESS_WITHOUT_ECU_ONLY"),
-    )
-    inside = " ".join(
-        f"/begin PAGE {number} {PAGE_ACCESS} {write} INIT_SEGMENT 0 /end PAGE"
-        for number, write in pages
-    )
-    return f"/begin IF_DATA XCP /begin SEGMENT 0 2 0 0 0 {inside} /end SEGMENT /end IF_DATA"

@@ -47,4 +47,4 @@ def files(firmware: BusFirmware, general: BusFirmware | None = None) -> dict[str
         origin = None if general is None else general.program()
         return Emitter(program, ReviewNotes(program, origin)).files()
 
-    return firmware.kept(f"with comments: {traceability.FILE.read_text('utf-8')}", made)
+    return firmware.kept(f"with comments: {traceability.requirements()}", made)

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from math import gcd
 from pathlib import Path
+from pkgutil import resolve_name
 
 from canroll.errors import CanrollError
 from codegen.export import (
@@ -23,12 +24,12 @@ from codegen.export import (
     traceability,
 )
 from codegen.export.contents import Code, Export
-from codegen.export.sessions import nvm_session, secoc_session, uds_session, xcp_session
+from codegen.export.sessions import secoc_session
 from codegen.export.sessions.session import Session
 from codegen.run import native
 from codegen.run.bus_firmware import BusFirmware, of_bus, with_services, with_stage
 from codegen.run.cortex import OPTIMISATION
-from codegen.run.services import PAGE_ADDRESS, STATE_ADDRESS
+from codegen.run.service import SERVICES
 from codegen.specialise.firmware import specialised
 from dbc.reader import Files, each, network_file
 
@@ -57,7 +58,6 @@ PLACES = {
     "arm-none-eabi.cmake": "cmake/arm-none-eabi.cmake",
 }
 """Where each template goes in the bundle."""
-ADDRESSES = {"calibration": PAGE_ADDRESS, "ecu": STATE_ADDRESS}
 TIE = "canroll_specialised"
 TIE_HEADER = """\
 /* The CRC of the one calibration that the code was specialised for, as canroll_gains.h has it. */
@@ -174,7 +174,7 @@ def _loop(export: Export, code: Code) -> dict[str, str]:
 
 def _tests(export: Export, code: Code) -> dict[str, str]:
     """The sessions that the bundle tests itself by, and the comparison of its codec."""
-    record, services, bus = export.record, export.services, code.general.bus
+    record, bus = export.record, code.general.bus
     if export.specialised:
         cases = coverage_cases.special(code.general, record)
     else:
@@ -183,12 +183,9 @@ def _tests(export: Export, code: Code) -> dict[str, str]:
         "test/session_vectors.c": _vectors(code.general, export),
         "test/session_cases.c": cases,
     }
-    if "xcp" in services:
-        texts["test/session_xcp.c"] = xcp_session.source(code.served, record)
-    if "uds" in services:
-        texts["test/session_uds.c"] = uds_session.source(code.served, record)
-    if "nvm" in services:
-        texts["test/session_nvm.c"] = nvm_session.source(code.served, record, export.traffic)
+    for name in export.services:
+        if session := SERVICES[name].session:
+            texts[f"test/session_{name}.c"] = resolve_name(session)(export, code)
     if bus.secured:
         texts |= secoc_session.sources(code.general)
     comparison = codec_comparison.files(export.dbc, export.map_file, bus)
@@ -224,6 +221,8 @@ def _boards(export: Export, code: Code) -> dict[str, str]:
 def _described(export: Export, code: Code) -> dict[str, str]:
     """The name of the software, the A2L and the page of traces."""
     files = code.served.files
+    described = (SERVICES[name].described for name in export.services)
+    slaves = [resolve_name(each)(export.record.tick_us) for each in described if each]
     epk = f"canroll {version('canroll')} {_named(files)}"
     software = a2l.Software(
         epk,
@@ -232,9 +231,9 @@ def _described(export: Export, code: Code) -> dict[str, str]:
         code.general.record,
         code.general.program(),
         calibrated=not export.specialised,
-        slave="xcp" in export.services,
+        slave=slaves[0] if slaves else None,
     )
-    addresses = ADDRESSES if software.slave else None
+    addresses = software.slave.addresses if software.slave else None
     texts = {
         "include/canroll_epk.h": EPK_HEADER.format(version=version("canroll"), epk=epk),
         "src/canroll_epk.c": EPK_SOURCE,

@@ -9,8 +9,9 @@ from collections.abc import Mapping
 
 from canroll.errors import CanrollError
 from codegen.run import cortex, memory_image
-from codegen.run.bus_firmware import BusFirmware
+from codegen.run.bus_firmware import AUTHENTICATION, BusFirmware
 from codegen.run.footprint import footprint
+from codegen.run.service import SERVICES
 from firmware.calibration import Calibration
 
 PROCESSOR = "cortex-m4"
@@ -29,9 +30,8 @@ processors and memories, and compares the bound with the maximum seen."""
 SECURED = "A tick verifies at most one of each frame received, and protects those sent."
 SERVED = "Code and records are with the services, stack and cycles those of the loop alone."
 TICK, RECEIVE = "cycles of `canroll_tick`, bound", "cycles of `canroll_receive`, bound"
-RECORDS = {"xcp": "services.xcp_state.Xcp", "uds": "services.uds_state.Uds"}
-RECORDS |= {"nvm": "services.nvm_state.Nvm", "secoc": "security.secoc_state.Secoc"}
-"""The records of the modules beside the loop."""
+AUTHENTICATED = {"secoc": "security.secoc_state.Secoc"}
+"""The record of a bus with authenticated frames."""
 
 
 def missing() -> str:
@@ -79,15 +79,14 @@ def table(record: Calibration, loop: BusFirmware, served: BusFirmware) -> str:
 
 
 def _records(served: BusFirmware) -> Mapping[str, object]:
-    sizes: dict[str, object] = {}
-    for service in served.services:
-        if service in RECORDS:
-            module, _, name = RECORDS[service].rpartition(".")
-            kind = getattr(served.module(module), name)
-            sizes[f"`{service}`, bytes of RAM"] = memory_image.dtype(kind).itemsize
-    if "xcp" in served.services:
-        sizes["`working`, bytes of RAM"] = memory_image.dtype(Calibration).itemsize
-    return sizes
+    records: dict[str, str] = {}
+    for name in served.services:
+        records |= AUTHENTICATED if name == AUTHENTICATION else SERVICES[name].records
+    sizes = ((name, place.rpartition(".")) for name, place in records.items())
+    return {
+        f"`{name}`, bytes of RAM": memory_image.dtype(getattr(served.module(module), kind)).itemsize
+        for name, (module, _, kind) in sizes
+    }
 
 
 def _bound(record: Calibration, loop: BusFirmware) -> Mapping[str, str]:

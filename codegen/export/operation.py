@@ -7,6 +7,7 @@ from codegen.export.contents import Export
 from codegen.export.traceability import requirements
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.memory_image import dtype
+from codegen.run.service import SERVICES
 from codegen.subset.program import Constant, Program
 from firmware.calibration import N_RX, Calibration
 from firmware.security.secoc_state import RESET_MAX
@@ -102,10 +103,11 @@ def silence(record: Calibration, firmware: BusFirmware) -> str:
 def wear(export: Export, firmware: BusFirmware) -> str:
     """Return the writes of lasting memory over a car's life; "" where the bundle has none."""
     rows = []
-    if "nvm" in export.services:
-        size = dtype(firmware.module("services.nvm_state").Nvm).itemsize
+    for name in (name for name in export.services if SERVICES[name].lasting):
+        module, _, kind = SERVICES[name].lasting.rpartition(".")
+        size = dtype(getattr(firmware.module(module), kind)).itemsize
         rows += [
-            _worn(f"`canroll_nvm`, {size} bytes, as power goes", 1),
+            _worn(f"`canroll_{name}`, {size} bytes, as power goes", 1),
             _worn(f"the same every minute of a drive of {DRIVE_MIN} min", DRIVE_MIN),
         ]
     if firmware.bus.secured:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from pkgutil import resolve_name
 
 from codegen.export import (
     coverage_cases,
@@ -12,13 +13,13 @@ from codegen.export import (
     traceability,
 )
 from codegen.export.contents import Code, Export
-from codegen.export.sessions import nvm_session, secoc_session, uds_session, xcp_session
+from codegen.export.sessions import secoc_session
 from codegen.frame.frame_protection import Protection
 from codegen.frame.place import Place
 from codegen.generated.bus_map import BusMap
 from codegen.generated.mailbox import EXTENDED
 from codegen.run import memory_image
-from codegen.run.services import PAGE_ADDRESS, STATE_ADDRESS, uds_idents, xcp_idents
+from codegen.run.service import SERVICES
 from dbc.reader import each
 
 TEMPLATES = Path(__file__).with_name("templates")
@@ -105,37 +106,15 @@ def _stage(export: Export) -> str:
 
 
 def _services(export: Export, code: Code) -> str:
-    firmware = code.loop
-    notes = []
-    if "xcp" in export.services:
-        xcp = xcp_idents(firmware)
-        notes.append(
-            xcp_session.NOTE.format(
-                state=f"0x{STATE_ADDRESS:08X}",
-                page=f"0x{PAGE_ADDRESS:08X}",
-                master=f"0x{xcp.master:X}",
-                slave=f"0x{xcp.slave:X}",
-            )
-        )
-    if "uds" in export.services:
-        uds = uds_idents(firmware)
-        notes.append(
-            uds_session.NOTE.format(
-                request=f"0x{uds.request:X}",
-                response=f"0x{uds.response:X}",
-                data=uds_session.DATA,
-            )
-        )
-    if "nvm" in export.services:
-        notes.append(nvm_session.note(code.served))
-    if firmware.bus.secured:
+    kinds = (SERVICES[name] for name in export.services)
+    notes = [resolve_name(kind.note)(export, code) for kind in kinds if kind.note]
+    if code.loop.bus.secured:
         notes.append(secoc_session.NOTE)
     return "".join(notes)
 
 
 def _tested(export: Export) -> str:
-    files = {"xcp": xcp_session.FILES, "uds": uds_session.FILES, "nvm": nvm_session.FILES}
-    return "".join(files.get(name, "") for name in export.services)
+    return "".join(SERVICES[name].tested for name in export.services)
 
 
 def _frames(bus: BusMap) -> Iterator[str]:

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cache
-from pathlib import Path
+from importlib.resources import files
 
 from canroll.errors import CanrollError
 from codegen.c99.linkage import Names, linkage
@@ -19,9 +19,11 @@ from codegen.frame.checksum import PREFIX
 from codegen.generated import own_stage
 from codegen.proof.prove import Proof, prove
 from codegen.run.bus_firmware import BusFirmware
+from codegen.run.service import SERVICES
 from codegen.subset.program import Function, Program
 
-FILE = Path(__file__).with_name("requirements.toml")
+FILE = "requirements.toml"
+"""Name of the files of requirements: of the loop, and beside the modules of each service."""
 SCHEMA = 1
 NOTE = (
     "| `TRACEABILITY.md` | from each requirement to source line, C line, proof obligations and "
@@ -63,13 +65,17 @@ def requirements() -> tuple[Requirement, ...]:
     Raises:
         CanrollError: another schema.
     """
-    content = tomllib.loads(FILE.read_text(encoding="utf-8"))
+    packages = dict.fromkeys(["codegen.export", *(kind.modules for kind in SERVICES.values())])
+    return tuple(each for package in packages for each in _read(package))
+
+
+def _read(package: str) -> Iterator[Requirement]:
+    file = files(package) / FILE
+    content = tomllib.loads(file.read_text(encoding="utf-8"))
     if content.pop("schema") != SCHEMA:
-        raise CanrollError(f"{FILE}: this version reads schema {SCHEMA}")
-    return tuple(
-        Requirement(name, its["text"], tuple(its["functions"]), tuple(its["tests"]))
-        for name, its in content.items()
-    )
+        raise CanrollError(f"{file}: this version reads schema {SCHEMA}")
+    for name, its in content.items():
+        yield Requirement(name, its["text"], tuple(its["functions"]), tuple(its["tests"]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +141,7 @@ def requirement_of(function: Function) -> str:
     asked = [its.name for its in requirements() if its.covers(function)]
     if len(asked) != 1:
         said = " and ".join(asked) or "none"
-        raise CanrollError(f"{FILE.name}: {'.'.join(function.key)} has requirements: {said}")
+        raise CanrollError(f"{FILE}: {'.'.join(function.key)} has requirements: {said}")
     return asked[0]
 
 
@@ -177,7 +183,7 @@ def page(
         files: its C, whose lines are shown.
         general: what it was specialised from, or None.
     """
-    asked = f"{FILE.read_text(encoding='utf-8')} of {sorted(files.items())}"
+    asked = f"{requirements()} of {sorted(files.items())}"
     return firmware.kept(asked, lambda: {"text": _made(firmware, files, general)})["text"]
 
 

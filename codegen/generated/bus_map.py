@@ -34,6 +34,10 @@ def frame_ident(ident: int) -> int:
     return ident & ~(1 << 31) | (EXTENDED if ident >> 31 else 0)
 
 
+MOST_LISTED = 32
+"""Frames of measurements that the XCP slave sends after a tick at most."""
+
+
 @dataclass(frozen=True, slots=True)
 class XcpFrames:
     """XCP on CAN: identifiers (bit 31: a 29-bit one) to and from the ECU, bit rate."""

@@ -5,25 +5,21 @@ its loops end after a proved number of iterations.
 """
 
 import ast
-from collections.abc import Iterator
 
-from codegen.operations.table import Access
 from codegen.proof.interpreter import UNROLLED
 from codegen.proof.prove import Proof
+from codegen.proof.service_rules import STATE, foreign_stores
 from codegen.subset.parse import load
 from codegen.subset.program import (
     Constant,
     FieldReference,
     Function,
-    Parameter,
     Program,
     SubsetError,
 )
-from codegen.subset.resolve import stored
 from codegen.subset.walk import walk
 
 NAME = "stage"
-STATE = "Ecu"
 ESTIMATE = "x"
 """The field of the loop that a stage may change."""
 
@@ -35,7 +31,7 @@ def check(program: Program, proof: Proof) -> None:
     module = program.modules[NAME]
     own = set(program.record(STATE).fields) - set(load("state").record(STATE).fields)
     for function in module.functions.values():
-        for place in _foreign_stores(program, function, own):
+        for place in foreign_stores(program, function, allowed={*own, ESTIMATE}, own={NAME}):
             rule = f"a stage stores in its own fields and in ecu.{ESTIMATE} only"
             raise SubsetError(module.path, place, rule)
         for node in walk(function.node):
@@ -54,26 +50,6 @@ def check(program: Program, proof: Proof) -> None:
         rule = f"not proved: {finding.what}: [{finding.lo}, {finding.hi}]"
         where = module.path if finding.path == str(module.path) else finding.path
         raise SubsetError(where, finding.line, rule)  # type: ignore[arg-type]
-
-
-def _foreign_stores(program: Program, function: Function, own: set[str]) -> Iterator[ast.AST]:
-    """Writes of a function to the loop's state outside the stage's fields."""
-    for target in stored(program, walk(function.node)):
-        ref = program.refs.get(target)
-        if isinstance(ref, FieldReference) and ref.field.name not in {*own, ESTIMATE}:
-            yield target
-    for node, called in program.references(function):
-        if not isinstance(node, ast.Call):
-            continue
-        for k, argument in enumerate(node.args):
-            given = program.refs.get(argument)
-            if isinstance(given, Parameter) and given.type.record == STATE:
-                match called:
-                    case Access(writes=True):
-                        yield node
-                    case Function() if called.module != NAME:
-                        if list(called.parameters)[k] in program.writers.get(called.key, ()):
-                            yield node
 
 
 def _refuse_unscaled(program: Program, function: Function, node: ast.Compare) -> None:

@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import dbc
 from codegen.c99 import kept
-from codegen.generated.bus_map import BusMap, frame_ident, load
+from codegen.generated.bus_map import BusMap, load
 from codegen.generated.mailbox import room
 from codegen.generated.own_stage import OwnStage
+from codegen.run.service import SERVICES
 from dbc.reader import Files
 from firmware.state import Ecu
 
@@ -71,7 +72,7 @@ class BusFirmware:
     @cached_property
     def files(self) -> dict[str, str]:
         """The firmware in C, by file name."""
-        if not self.modules and not self.services:
+        if not self.modules:
             return kept.translation("ecu", self._translated)
         return kept.translation(self._parts, self._translated)
 
@@ -85,7 +86,9 @@ class BusFirmware:
         return sorted(self.modules.items()), self.services, sorted(self._shown.items())
 
     def _translated(self) -> dict[str, str]:
-        return _translation().translated(self.program(), self.stage)  # type: ignore[no-any-return]
+        beside = [name for name in self.services if name != AUTHENTICATION]
+        files: dict[str, str] = _translation().translated(self.program(), self.stage, beside)
+        return files
 
     def program(self) -> "Program":
         """The firmware as data, read anew."""
@@ -97,7 +100,13 @@ class BusFirmware:
         """Where messages say that a module is."""
         if not self.modules:
             return {}
-        return _translation().shown(self.bus, self.modules, self.stage)  # type: ignore[no-any-return]
+        shown: dict[str, Path] = _translation().shown(self.bus, self.modules, self.stage)
+        return shown | {Path(name).stem: place for name, (place, _) in self._sources.items()}
+
+    @property
+    def _sources(self) -> Mapping[str, tuple[Path, str]]:
+        """Place and text of the services' modules, by file name."""
+        return _sources(self.services)
 
     @cached_property
     def loop(self) -> ModuleType:
@@ -110,12 +119,9 @@ class BusFirmware:
     @property
     def heard(self) -> frozenset[int]:
         """Identifiers of all frames that it takes, the commands of services among them."""
-        found = set(self.messages)
-        if "xcp" in self.services and self.bus.xcp is not None:
-            found.add(frame_ident(self.bus.xcp.master))
-        if "uds" in self.services and self.bus.uds is not None:
-            found.add(frame_ident(self.bus.uds.request))
-        return frozenset(found)
+        kinds = (SERVICES[name] for name in self.services if name != AUTHENTICATION)
+        heard = (kind.hears(self.bus) for kind in kinds)
+        return frozenset({*self.messages, *(ident for ident in heard if ident is not None)})
 
     @property
     def fd(self) -> dict[int, bool]:
@@ -193,7 +199,21 @@ def with_stage(firmware: BusFirmware, stage: OwnStage | None) -> BusFirmware:
 @cache
 def with_services(firmware: BusFirmware, services: tuple[str, ...]) -> BusFirmware:
     """Return ``firmware`` with services beside the loop."""
-    return replace(firmware, services=(*firmware.services, *services)) if services else firmware
+    if not services:
+        return firmware
+    texts = {name: text for name, (_, text) in _sources(services).items()}
+    return replace(
+        firmware,
+        modules={**firmware.modules, **texts},
+        services=(*firmware.services, *services),
+    )
+
+
+@cache
+def _sources(services: tuple[str, ...]) -> Mapping[str, tuple[Path, str]]:
+    """Return place and text of the modules of services, by file name."""
+    kinds = (SERVICES[name] for name in services if name != AUTHENTICATION)
+    return {name: source for kind in kinds for name, source in kind.sources().items()}
 
 
 @cache

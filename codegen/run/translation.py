@@ -18,8 +18,9 @@ from codegen.c99 import emit
 from codegen.generated import frames, protection, signals
 from codegen.generated.bus_map import BusMap
 from codegen.generated.own_stage import NAME, OwnStage
-from codegen.proof import stage_rules
+from codegen.proof import service_rules, stage_rules
 from codegen.proof.prove import prove
+from codegen.run.service import SERVICES
 from codegen.subset import grammar, parse, rules
 from codegen.subset.program import FIRMWARE, Program, copy_sources, file_of
 from dbc.reader import Files
@@ -54,8 +55,19 @@ def shown(bus: BusMap, modules: Mapping[str, str], stage: OwnStage | None) -> di
     return places | {name: own.path for name, own in protection.own_functions(bus).items()}
 
 
-def translated(program: Program, stage: OwnStage | None) -> dict[str, str]:
-    """Return a firmware in C, by file name; a stage is checked and proved first."""
+def translated(
+    program: Program, stage: OwnStage | None, services: Sequence[str] = ()
+) -> dict[str, str]:
+    """Return a firmware in C, by file name; a stage is checked and proved first, as services are.
+
+    Raises:
+        SubsetError: file and line of what a stage or a service may not do.
+    """
+    for name in services:
+        kind = SERVICES[name]
+        own = {Path(file).stem for file in kind.sources()}
+        stores, records = {*kind.stores}, {*kind.records}
+        service_rules.check(program, name, own, stores=stores, records=records)
     if stage:
         rules.check(program)
         stage_rules.check(program, prove(program, bounded=NAME))

@@ -26,11 +26,12 @@ from pyxcp.daq_stim import DaqList, DaqOnlinePolicy
 from pyxcp.master import Master
 from pyxcp.types import XcpResponseError
 
-from canroll.extensions.exchange.ecu_on_bus import ecu_on_bus
+from canroll.extensions.services.ecu_on_bus import ecu_on_bus
+from canroll.extensions.services.running import PAGE_ADDRESS, STATE_ADDRESS, xcp_idents
+from canroll.extensions.services.xcp_description import described
 from codegen.export import a2l
 from codegen.run import ecu_traffic
 from codegen.run.bus_firmware import built_in
-from codegen.run.services import PAGE_ADDRESS, STATE_ADDRESS, xcp_idents
 
 IDS = xcp_idents(built_in())
 RECORD = ecu_traffic.random_calibration(3)
@@ -79,7 +80,7 @@ def master_on(bus: can.BusABC, policy: Samples | None = None) -> Iterator[Any]:
 
 def located(folder: Path) -> dict[str, int]:
     """Address of each name, as pya2ldb reads it in our A2L, which is written to ``folder``."""
-    software = a2l.Software("canroll example", RECORD, IDS, slave=True)
+    software = a2l.Software("canroll example", RECORD, IDS, slave=described(RECORD.tick_us))
     path = folder / "canroll.a2l"
     base = {"calibration": PAGE_ADDRESS, "ecu": STATE_ADDRESS}
     path.write_text(a2l.a2l(software, base), encoding="ascii")

@@ -8,7 +8,7 @@ import random
 from fractions import Fraction
 
 import pytest
-import rig
+from support import rig
 
 from firmware import calibration as fw
 from firmware import control_law

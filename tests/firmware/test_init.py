@@ -1,7 +1,7 @@
 """``init`` starts the ECU at rest, whatever was in its memory."""
 
 import numpy as np
-import rig
+from support import rig
 
 from firmware import calibration as fw
 from firmware import ecu as loop

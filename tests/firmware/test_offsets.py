@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-import rig
+from support import rig
 
 from firmware.state import ACTIVE
 

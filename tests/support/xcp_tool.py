@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from canroll.extensions.services.modules import xcp
+from canroll.extensions.services.running import PAGE_ADDRESS, STATE_ADDRESS
 from codegen.run import memory_image
-from codegen.run.services import PAGE_ADDRESS, STATE_ADDRESS, ServedEcu
+from codegen.run.services import ServedEcu
 from firmware.calibration import Calibration
-from firmware.services import xcp
 
 PATIENCE = 200
 

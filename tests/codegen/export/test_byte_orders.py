@@ -8,6 +8,7 @@ import pytest
 import dbc
 import vehicles
 from canroll.cli import export_c
+from canroll.extensions.services.xcp_description import described
 from codegen.export import a2l, bundle
 from codegen.export.header import gains_header
 from codegen.generated import signals
@@ -134,7 +135,9 @@ def test_an_image_says_the_byte_order_of_a2l_and_flash(order, tmp_path):
 
 def test_the_order_is_an_option_of_an_export_without_an_image(tmp_path):
     base = {"calibration": 0x1000, "ecu": 0x2000}
-    software = a2l.Software("test", RECORD, XcpFrames(0x6F0, 0x6F1, 500_000), slave=True)
+    software = a2l.Software(
+        "test", RECORD, XcpFrames(0x6F0, 0x6F1, 500_000), slave=described(RECORD.tick_us)
+    )
     little, big = (a2l.a2l(software, base, order) for order in ("little", "big"))
     assert big == little.replace("  BYTE_ORDER MSB_LAST\n", "  BYTE_ORDER MSB_FIRST\n")
     # numbers in commands are little-endian on every target

@@ -12,13 +12,13 @@ from codegen.c99.linkage import linkage
 from codegen.export import traceability
 from codegen.export.traceability import Requirement, requirements
 from codegen.generated import own_stage, signals
-from codegen.run import LASTING, SERVICES, ecu_traffic
+from codegen.run import ecu_traffic
 from codegen.run.bus_firmware import AUTHENTICATION, built_in, of_bus, with_services, with_stage
+from codegen.run.service import SERVICES
 from codegen.specialise.firmware import specialised
-from codegen.subset.program import file_of
 
 ROOT = Path(__file__).parents[3]
-SERVED = with_services(built_in(), (*SERVICES, *LASTING, AUTHENTICATION))
+SERVED = with_services(built_in(), (*SERVICES, AUTHENTICATION))
 
 
 @pytest.fixture(scope="module")
@@ -69,12 +69,13 @@ def test_a_function_that_nobody_asked_for_is_named(monkeypatch):
 
 
 def test_the_lines_are_those_of_source_and_c(found):
+    program = SERVED.program()
     for rows in found.values():
         for row in rows:
             module, name = row.function.split(".")
             file, _, span = row.source.partition(":")
             first, last = map(int, span.split("–"))
-            source = file_of(Path(file).stem).read_text().splitlines()
+            source = program.modules[Path(file).stem].source.splitlines()
             assert source[first - 1].startswith(f"def {name}(")
             assert last == len(source) or not source[last].startswith("    ")
             file, _, line = row.emitted.removeprefix("src/").partition(":")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-import rig
+from support import rig
 
 from firmware import calibration as fw
 from firmware import plausibility as sv

@@ -8,9 +8,7 @@ reference, or on the working page where ``ecu_page`` is 1. Then it sends every s
 
 from typing import Annotated
 
-from firmware.calibration import Calibration
-from firmware.limits import LAST_BYTE
-from firmware.services.xcp_daq import (
+from canroll.extensions.services.modules.xcp_daq import (
     allocate_entries,
     allocate_lists,
     allocate_odts,
@@ -27,9 +25,16 @@ from firmware.services.xcp_daq import (
     start_or_stop_together,
     write,
 )
-from firmware.services.xcp_memory import download, point_at, respond, upload
-from firmware.services.xcp_page import copy, page, page_info, segment_info, switch, work
-from firmware.services.xcp_state import (
+from canroll.extensions.services.modules.xcp_memory import download, point_at, respond, upload
+from canroll.extensions.services.modules.xcp_page import (
+    copy,
+    page,
+    page_info,
+    segment_info,
+    switch,
+    work,
+)
+from canroll.extensions.services.modules.xcp_state import (
     BUSY,
     FRAME,
     IDLE,
@@ -43,6 +48,8 @@ from firmware.services.xcp_state import (
     UNKNOWN,
     Xcp,
 )
+from firmware.calibration import Calibration
+from firmware.limits import LAST_BYTE
 from firmware.state import Ecu
 from firmware.subset import byte, clamp, clear, i32, octet, set_octet, to_i32, to_u32, u8, u32
 

@@ -4,11 +4,8 @@ The loop changes to the working page only when ``check`` accepts it. Its check, 
 of the reference take a bounded part of each tick; the response comes when they are done.
 """
 
-from firmware.calibration import Calibration
-from firmware.check import check_rules, checked_word, fits, folded
-from firmware.limits import BYTES, FIELDS, LAST_BYTE, LAST_WORD, RANGE, SIZE
-from firmware.services.xcp_memory import respond
-from firmware.services.xcp_state import (
+from canroll.extensions.services.modules.xcp_memory import respond
+from canroll.extensions.services.modules.xcp_state import (
     CHECK_RANGES,
     CHECK_SUM,
     COPY,
@@ -23,6 +20,9 @@ from firmware.services.xcp_state import (
     WRITE_PROTECTED,
     Xcp,
 )
+from firmware.calibration import Calibration
+from firmware.check import check_rules, checked_word, fits, folded
+from firmware.limits import BYTES, FIELDS, LAST_BYTE, LAST_WORD, RANGE, SIZE
 from firmware.state import CORRUPT, Ecu
 from firmware.subset import byte, clamp, i32, octet, set_octet, set_word, to_i32, to_u32
 

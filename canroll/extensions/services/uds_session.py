@@ -1,12 +1,11 @@
 """The session of UDS that a bundle with the service tests itself by."""
 
+from canroll.extensions.services.modules import fault_memory, uds, uds_state
+from canroll.extensions.services.running import Server, uds_idents
+from codegen.export.contents import Code, Export
 from codegen.export.sessions.session import REST, Session
 from codegen.run import native
-from codegen.run.bus_firmware import BusFirmware
 from codegen.run.ecu import EcuBackend
-from codegen.run.services import Server
-from firmware.calibration import Calibration
-from firmware.services import fault_memory, uds, uds_state
 
 NOTE = """
 ## Diagnostics
@@ -31,7 +30,6 @@ Identifiers:
 | 22 | data, each as the A2L has its format: {data} |
 | 3E | tester present |
 """
-FILES = "| `test/session_uds.c` | frames of a tester, and the frames that answer them |\n"
 DATA = (
     "0100 mode, 0101 time, 0102 speed, 0103 roll rate, 0104 lateral acceleration, 0105 moment, "
     "0106 commands sent, 0110 id and 0111 CRC of the calibration, F186 session"
@@ -62,8 +60,17 @@ def frames() -> list[bytes]:
     return [bytes([len(request), *request]) for request in requests]
 
 
-def source(firmware: BusFirmware, record: Calibration) -> str:
+def note(_: Export, code: Code) -> str:
+    """Return the section of the README."""
+    idents = uds_idents(code.loop)
+    return NOTE.format(
+        request=f"0x{idents.request:X}", response=f"0x{idents.response:X}", data=DATA
+    )
+
+
+def source(export: Export, code: Code) -> str:
     """The session in C, with the reference's answers."""
+    firmware, record = code.served, export.record
     asked: dict[int, bytes] = {}
     for k, frame in enumerate(frames()):
         # an answer of several frames goes on when the tester is ready

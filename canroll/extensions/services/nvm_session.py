@@ -1,13 +1,12 @@
 """What outlives a loss of power, in a bundle: its note, and its test by the reference."""
 
+from canroll.extensions.services.modules import nvm_state
+from canroll.extensions.services.running import Server
+from codegen.export.contents import Code, Export
 from codegen.export.sessions.session import Session
 from codegen.run import memory_image, native
-from codegen.run.bus_firmware import BusFirmware
 from codegen.run.ecu import EcuBackend
-from codegen.run.ecu_traffic import EcuTraffic
-from codegen.run.services import Server
 from firmware.calibration import Calibration
-from firmware.services import nvm_state
 
 NOTE = """
 ## Non-volatile memory
@@ -24,34 +23,35 @@ keep the last good record where power goes during a write.
 """
 SAVE = " `canroll_nvm_uds_save(&nvm, &uds);`"
 RESTORE = "\nthen `canroll_nvm_uds_restore(&nvm, &uds, &ecu, &calibration);`."
-FILES = "| `test/session_nvm.c` | what outlives a loss of power: saved, damaged, restored |\n"
 
 
-def note(firmware: BusFirmware) -> str:
+def note(_: Export, code: Code) -> str:
     """Return the section of the README."""
+    firmware = code.served
     uds = "nvm_uds" in firmware.services
     return NOTE.format(
         snapshots=" and the snapshots of fault codes" if uds else "",
-        size=memory_image.dtype(firmware.module("services.nvm_state").Nvm).itemsize,
+        size=memory_image.dtype(firmware.module("nvm_state").Nvm).itemsize,
         save=SAVE if uds else "",
         init=" and `canroll_uds_init`" if uds else "",
         restore=RESTORE if uds else "",
     )
 
 
-def source(firmware: BusFirmware, record: Calibration, traffic: EcuTraffic) -> str:
+def source(export: Export, code: Code) -> str:
     """The session in C: a record saved after the traffic, damaged, and restored."""
+    firmware, record = code.served, export.record
     session = Session(native.NativeMachine(firmware), firmware)
     session.begin("NVM")
     ecu = EcuBackend(session, record, firmware)
     served = "nvm_uds" in firmware.services
     server = Server(ecu) if served else None
     state, cal = session.records["ecu"], session.records["calibration"]
-    for elapsed, frames in traffic.by_tick():
+    for elapsed, frames in export.traffic.by_tick():
         session.tick(state, cal, elapsed, frames)
         if server is not None:
             server.tick(elapsed)
-    nvm = session.record(firmware.module("services.nvm_state").Nvm())
+    nvm = session.record(firmware.module("nvm_state").Nvm())
     session.call("nvm.save", nvm, state, cal)
     if server is not None:
         session.call("nvm_uds.save", nvm, server.record)
@@ -60,7 +60,7 @@ def source(firmware: BusFirmware, record: Calibration, traffic: EcuTraffic) -> s
     started = [session.record(firmware.record())]
     session.call("init", started[0], cal)
     if served:
-        started.append(session.record(firmware.module("services.uds_state").Uds()))
+        started.append(session.record(firmware.module("uds_state").Uds()))
         session.call("uds.init", started[1], started[0])
 
     def restored() -> int:

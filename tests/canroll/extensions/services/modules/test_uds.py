@@ -8,12 +8,12 @@ from support.uds_tester import TickConnection, UdsTester
 from udsoncan.client import Client
 from udsoncan.exceptions import NegativeResponseException
 
+from canroll.extensions.services.modules import uds
+from canroll.extensions.services.modules.fault_memory import AVAILABLE
 from codegen.run import ecu_traffic, native
 from codegen.run.backends import NativeEcu, PythonEcu
 from codegen.run.bus_firmware import built_in, with_services
 from codegen.run.services import ServedEcu
-from firmware.services import uds
-from firmware.services.fault_memory import AVAILABLE
 from firmware.state import N_FAULT_CODES
 
 SERVED = with_services(built_in(), ("xcp", "uds"))

@@ -8,8 +8,7 @@ where ``tx_pending`` is 1 and clears it.
 
 from typing import Annotated
 
-from firmware.calibration import Calibration
-from firmware.services.fault_memory import (
+from canroll.extensions.services.modules.fault_memory import (
     ALL,
     AVAILABLE,
     FAMILY,
@@ -21,8 +20,14 @@ from firmware.services.fault_memory import (
     put_number,
     put_snapshot,
 )
-from firmware.services.isotp import continue_response, pass_time, put, read, respond
-from firmware.services.uds_state import (
+from canroll.extensions.services.modules.isotp import (
+    continue_response,
+    pass_time,
+    put,
+    read,
+    respond,
+)
+from canroll.extensions.services.modules.uds_state import (
     DEFAULT,
     EXTENDED,
     FRAME,
@@ -30,6 +35,7 @@ from firmware.services.uds_state import (
     TIMER_MAX,
     Uds,
 )
+from firmware.calibration import Calibration
 from firmware.state import N_FAULT_CODES, Ecu
 from firmware.subset import byte, clamp, clear, i32, u8
 

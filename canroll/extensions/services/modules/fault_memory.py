@@ -4,8 +4,8 @@ Code i of the loop has the number 5Ai00h, as text C1Aii-00 (ii in hexadecimal): 
 manufacturer-specific, no failure type.
 """
 
-from firmware.services.isotp import put
-from firmware.services.uds_state import N_KEPT, Uds
+from canroll.extensions.services.modules.isotp import put
+from canroll.extensions.services.modules.uds_state import N_KEPT, Uds
 from firmware.state import N_FAULT_CODES, Ecu
 from firmware.subset import clamp, i32
 

@@ -3,10 +3,10 @@
 ``save`` after that of ``nvm``; ``restore`` after those of ``nvm`` and ``init`` of the server.
 """
 
+from canroll.extensions.services.modules.nvm import checksum, refusal
+from canroll.extensions.services.modules.nvm_state import ALL_CODES, Nvm
+from canroll.extensions.services.modules.uds_state import N_KEPT, Uds
 from firmware.calibration import Calibration
-from firmware.services.nvm import checksum, refusal
-from firmware.services.nvm_state import ALL_CODES, Nvm
-from firmware.services.uds_state import N_KEPT, Uds
 from firmware.state import N_FAULT_CODES, SAFE, Ecu
 from firmware.subset import byte, clamp, i32
 

@@ -1,8 +1,6 @@
 """Memory of the XCP slave: the two records by their addresses, transfers of a few bytes."""
 
-from firmware.calibration import Calibration
-from firmware.limits import LAST_BYTE
-from firmware.services.xcp_state import (
+from canroll.extensions.services.modules.xcp_state import (
     ACCESS_DENIED,
     CALIBRATION,
     FRAME,
@@ -16,6 +14,8 @@ from firmware.services.xcp_state import (
     WRITE_PROTECTED,
     Xcp,
 )
+from firmware.calibration import Calibration
+from firmware.limits import LAST_BYTE
 from firmware.state import Ecu
 from firmware.subset import (
     byte,

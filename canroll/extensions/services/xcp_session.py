@@ -4,14 +4,13 @@ import struct
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from canroll.extensions.services.modules import xcp
+from canroll.extensions.services.running import PAGE_ADDRESS, STATE_ADDRESS, Slave, xcp_idents
+from codegen.export.contents import Code, Export
 from codegen.export.sessions.session import REST, Session
 from codegen.run import memory_image, native
-from codegen.run.bus_firmware import BusFirmware
 from codegen.run.ecu import EcuBackend
-from codegen.run.services import PAGE_ADDRESS, STATE_ADDRESS, Slave
-from firmware.calibration import Calibration
 from firmware.limits import LAST_BYTE
-from firmware.services import xcp
 
 WAIT = 100
 """Ticks after a command that starts a job."""
@@ -35,7 +34,6 @@ Identifiers: {master} to the ECU, {slave} from it.
 The loop changes to the working page only when `check` accepts it; the tool gets error 0x26 with the
 rule otherwise. While the loop runs on it the page is not written (0x23).
 """
-FILES = "| `test/session_xcp.c` | commands of a tool, and the frames that answer them |\n"
 
 
 def commands(mode: int) -> list[bytes]:
@@ -88,8 +86,20 @@ def commands(mode: int) -> list[bytes]:
     ]
 
 
-def source(firmware: BusFirmware, record: Calibration) -> str:
+def note(_: Export, code: Code) -> str:
+    """Return the section of the README."""
+    xcp_frames = xcp_idents(code.loop)
+    return NOTE.format(
+        state=f"0x{STATE_ADDRESS:08X}",
+        page=f"0x{PAGE_ADDRESS:08X}",
+        master=f"0x{xcp_frames.master:X}",
+        slave=f"0x{xcp_frames.slave:X}",
+    )
+
+
+def source(export: Export, code: Code) -> str:
     """The session in C, with the reference's answers."""
+    firmware, record = code.served, export.record
     state: Any = memory_image.dtype(firmware.record).fields
     asked = dict(_timed(commands(int(state["mode"][1]))))
     session = Session(native.NativeMachine(firmware), firmware)

@@ -4,9 +4,7 @@
 non-volatile memory and back: ``size`` bytes.
 """
 
-from firmware.calibration import Calibration
-from firmware.check import folded
-from firmware.services.nvm_state import (
+from canroll.extensions.services.modules.nvm_state import (
     ALL_CODES,
     ANOTHER_CALIBRATION,
     ANOTHER_VERSION,
@@ -14,7 +12,9 @@ from firmware.services.nvm_state import (
     VERSION,
     Nvm,
 )
-from firmware.services.uds_state import N_KEPT
+from canroll.extensions.services.modules.uds_state import N_KEPT
+from firmware.calibration import Calibration
+from firmware.check import folded
 from firmware.state import N_FAULT_CODES, Ecu
 from firmware.subset import byte, bytes_of, clamp, clear, i32, to_i32, u32
 

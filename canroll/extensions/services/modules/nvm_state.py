@@ -5,7 +5,7 @@ It is copied to and from that memory as it is. Version and CRC say whether it ma
 
 from typing import Annotated
 
-from firmware.services.uds_state import N_KEPT
+from canroll.extensions.services.modules.uds_state import N_KEPT
 from firmware.state import N_FAULT_CODES
 from firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
 

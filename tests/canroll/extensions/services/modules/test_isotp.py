@@ -3,11 +3,11 @@
 import pytest
 from support.uds_tester import UdsTester
 
+from canroll.extensions.services.modules import uds
 from codegen.run import ecu_traffic, native
 from codegen.run.backends import NativeEcu, PythonEcu
 from codegen.run.bus_firmware import built_in, with_services
 from codegen.run.services import ServedEcu
-from firmware.services import uds
 from firmware.state import N_FAULT_CODES
 
 SERVED = with_services(built_in(), ("uds",))

@@ -4,14 +4,19 @@ import random
 from copy import deepcopy
 
 import pytest
-import rig
+from support import rig
 
+from canroll.extensions.services.modules import fault_memory, nvm, nvm_state, nvm_uds, uds
+from canroll.extensions.services.modules.nvm_state import (
+    ANOTHER_CALIBRATION,
+    ANOTHER_VERSION,
+    DAMAGED,
+    Nvm,
+)
+from canroll.extensions.services.modules.uds_state import Uds
 from codegen.run import memory_image, native
 from codegen.run.bus_firmware import built_in, with_services
 from firmware import ecu as loop
-from firmware.services import fault_memory, nvm, nvm_state, nvm_uds, uds
-from firmware.services.nvm_state import ANOTHER_CALIBRATION, ANOTHER_VERSION, DAMAGED, Nvm
-from firmware.services.uds_state import Uds
 from firmware.state import Ecu
 from firmware.subset import fields
 

@@ -4,7 +4,7 @@ A tick reads one frame and sends one. While a response is under way no other req
 UDS has one at a time. A request longer than ``REQUEST_BYTES`` is refused by the flow control.
 """
 
-from firmware.services.uds_state import (
+from canroll.extensions.services.modules.uds_state import (
     AWAITING,
     FLOWING,
     FRAME,

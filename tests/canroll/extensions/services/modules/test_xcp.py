@@ -7,15 +7,8 @@ from itertools import pairwise
 import pytest
 from support.xcp_tool import Tool, address_of, word
 
-from codegen.run import ecu_traffic, memory_image, native
-from codegen.run.backends import NativeEcu, PythonEcu
-from codegen.run.bus_firmware import built_in, with_services
-from codegen.run.services import PAGE_ADDRESS, STATE_ADDRESS, ServedEcu
-from firmware.calibration import Calibration
-from firmware.check import RULE_FADE
-from firmware.limits import LAST_BYTE
-from firmware.services import xcp, xcp_state
-from firmware.services.xcp_state import (
+from canroll.extensions.services.modules import xcp, xcp_state
+from canroll.extensions.services.modules.xcp_state import (
     ACCESS_DENIED,
     BUSY,
     DAQ_ACTIVE,
@@ -30,6 +23,14 @@ from firmware.services.xcp_state import (
     UNKNOWN,
     WRITE_PROTECTED,
 )
+from canroll.extensions.services.running import PAGE_ADDRESS, STATE_ADDRESS
+from codegen.run import ecu_traffic, memory_image, native
+from codegen.run.backends import NativeEcu, PythonEcu
+from codegen.run.bus_firmware import built_in, with_services
+from codegen.run.services import ServedEcu
+from firmware.calibration import Calibration
+from firmware.check import RULE_FADE
+from firmware.limits import LAST_BYTE
 from firmware.state import SAFE, Ecu
 from firmware.subset import bytes_of, fields
 

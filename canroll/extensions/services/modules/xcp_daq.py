@@ -4,8 +4,7 @@ A list has frames, a frame measurements of up to four bytes. Lists are made by t
 that is here once. A list of which frames are still unsent is not sampled: an event tells.
 """
 
-from firmware.calibration import Calibration
-from firmware.services.xcp_memory import (
+from canroll.extensions.services.modules.xcp_memory import (
     REACH,
     argument,
     fetch,
@@ -15,7 +14,7 @@ from firmware.services.xcp_memory import (
     room,
     short_argument,
 )
-from firmware.services.xcp_state import (
+from canroll.extensions.services.modules.xcp_state import (
     ACCESS_DENIED,
     COMMAND_SENT,
     DAQ_ACTIVE,
@@ -38,6 +37,7 @@ from firmware.services.xcp_state import (
     TEXT,
     Xcp,
 )
+from firmware.calibration import Calibration
 from firmware.state import Ecu
 from firmware.subset import byte, bytes_of, clamp, i32, octet, tdiv
 

@@ -1,0 +1,1 @@
+"""XCP, UDS and non-volatile memory beside the firmware's loop."""

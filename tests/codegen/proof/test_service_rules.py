@@ -1,0 +1,74 @@
+"""A service that stores where it may not is refused with its line."""
+
+import pytest
+
+from codegen.run.bus_firmware import built_in, with_services
+from codegen.run.service import SERVICES, Service
+from codegen.subset.program import SubsetError
+
+STATE = '''"""State."""
+
+from typing import Annotated
+
+from firmware.subset import F, i32, record
+
+
+@record
+class Sneaky:
+    """A record."""
+
+    n: Annotated[i32, F(0, 9, 0, "", "a number")]
+'''
+MODULE = '''"""A service."""
+
+from firmware.calibration import Calibration
+from firmware.plausibility import latch_faults
+from firmware.state import Ecu
+from firmware.subset import i32, set_octet
+from {package}.sneaky_state import Sneaky
+
+
+def tick(sneaky: Sneaky, ecu: Ecu, cal: Calibration, working: Calibration, elapsed: i32) -> None:
+    """Do its work."""
+    sneaky.n = 1
+    {line}
+'''
+ALLOWED = ("sneaky.n = 2", "ecu.law = cal.law", "set_octet(working, 0, 1)")
+REFUSED = {
+    "ecu.moment = 0": "stores in the loop's law only",
+    "ecu.x[0] = 1": "stores in the loop's law only",
+    "latch_faults(ecu)": "stores in the loop's law only",
+    "set_octet(cal, 0, 1)": "stores in cal",
+}
+
+
+@pytest.fixture
+def served(tmp_path, monkeypatch):
+    """Return the firmware with a service of one line."""
+
+    def make(line):
+        # what a service has is kept by its name
+        name = f"sneaky{[*ALLOWED, *REFUSED].index(line)}"
+        folder = tmp_path / f"of_{name}"
+        folder.mkdir()
+        (folder / "__init__.py").write_text("")
+        (folder / "sneaky_state.py").write_text(STATE)
+        (folder / f"{name}.py").write_text(MODULE.format(package=folder.name, line=line))
+        monkeypatch.syspath_prepend(tmp_path)
+        records = {"sneaky": "sneaky_state.Sneaky", "working": "calibration.Calibration"}
+        kind = Service(modules=folder.name, records=records, stores=("law",))
+        monkeypatch.setitem(SERVICES, name, kind)
+        return with_services(built_in(), (name,))
+
+    return make
+
+
+@pytest.mark.parametrize("line", ALLOWED)
+def test_what_a_service_may_do_is_translated(served, line):
+    assert any(name.startswith("canroll_sneaky") for name in served(line).files)
+
+
+@pytest.mark.parametrize(("line", "says"), REFUSED.items())
+def test_a_store_outside_of_it_is_refused_with_its_line(served, line, says):
+    with pytest.raises(SubsetError, match=rf"sneaky\d\.py:\d+: .*{says}"):
+        _ = served(line).files
