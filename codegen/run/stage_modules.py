@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from codegen.generated.own_stage import NAME, OwnStage
-from codegen.proof.stage_rules import STATE
+from codegen.proof.service_rules import STATE
 from codegen.subset import grammar
 from codegen.subset.parse import load
 from codegen.subset.program import FIRMWARE, Module, RecordField, SubsetError, copy_sources

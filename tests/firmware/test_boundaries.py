@@ -1,7 +1,7 @@
 """Which side a threshold belongs to, and what happens at zero: to the unit, to the tick."""
 
 import pytest
-from support import rig
+import rig
 
 from firmware import calibration as fw
 from firmware import ecu as loop

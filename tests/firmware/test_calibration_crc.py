@@ -4,7 +4,7 @@ import random
 import zlib
 
 import pytest
-from support import rig
+import rig
 
 from firmware import calibration as fw
 from firmware import ecu as loop

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+import rig
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
-from support import rig
 
 from firmware import calibration as fw
 from firmware import control_law

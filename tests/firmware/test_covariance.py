@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+import rig
 from scipy.linalg import solve_discrete_are
-from support import rig
 
 from firmware import calibration as fw
 from firmware import ecu as loop

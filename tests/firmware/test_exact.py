@@ -8,7 +8,7 @@ import random
 from fractions import Fraction
 
 import pytest
-from support import rig
+import rig
 
 from firmware import calibration as fw
 from firmware import control_law

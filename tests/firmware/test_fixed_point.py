@@ -4,9 +4,9 @@ from fractions import Fraction
 from math import floor
 
 import pytest
+import rig
 from hypothesis import given
 from hypothesis import strategies as st
-from support import rig
 
 from codegen.run import memory_image
 from firmware.calibration import Calibration

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rig
 from scipy.linalg import expm
-from support import rig
 
 from firmware.identification import adapt_model, learn
 from firmware.state import ACTIVE

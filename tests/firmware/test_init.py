@@ -1,7 +1,7 @@
 """``init`` starts the ECU at rest, whatever was in its memory."""
 
 import numpy as np
-from support import rig
+import rig
 
 from firmware import calibration as fw
 from firmware import ecu as loop

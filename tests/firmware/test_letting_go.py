@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+import rig
 from scipy.integrate import solve_ivp
-from support import rig
 
 from firmware import calibration as fw
 from firmware.control_law import control, curve

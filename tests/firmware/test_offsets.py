@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support import rig
+import rig
 
 from firmware.state import ACTIVE
 

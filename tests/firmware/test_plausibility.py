@@ -1,9 +1,9 @@
 """What an input is worth, to the unit and to the tick, and what is needed of it."""
 
 import pytest
+import rig
 from hypothesis import given
 from hypothesis import strategies as st
-from support import rig
 
 from firmware import calibration as fw
 from firmware import plausibility as sv

@@ -4,9 +4,9 @@ import random
 from itertools import product
 
 import pytest
+import rig
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support import rig
 
 import dbc
 from firmware import calibration as fw

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+import rig
 from hypothesis import given
 from hypothesis import strategies as st
-from support import rig
 
 from firmware import calibration as fw
 from firmware.event_trigger import HEARTBEAT, NOTHING, TRIGGERED, moved

@@ -4,10 +4,10 @@ import itertools
 import math
 
 import pytest
+import rig
 from e2e import p01
 from hypothesis import given
 from hypothesis import strategies as st
-from support import rig
 
 import dbc
 from firmware.calibration import N_RX, Calibration

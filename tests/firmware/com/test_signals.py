@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+import rig
 from hypothesis import given
 from hypothesis import strategies as st
-from support import rig
 
 from firmware.com import signals
 from firmware.state import RX_ACTUATOR_STATE, Ecu

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+import rig
 from scipy.signal import lfilter
-from support import rig
 
 from firmware import calibration as fw
 from firmware.monitors.balance import (

@@ -9,10 +9,10 @@ from itertools import product
 
 import numpy as np
 import pytest
+import rig
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import StateSpace, lsim
-from support import rig
 
 from firmware import calibration as fw
 from firmware.monitors.axles import watch_axles

@@ -1,7 +1,7 @@
 """Clock monitor: the inertial unit's samples against the ECU's ticks."""
 
 import pytest
-from support import rig
+import rig
 
 from firmware import calibration as fw
 from firmware.com.signals import RX_SIGNALS

@@ -1,7 +1,7 @@
 """Delivery monitor: delivered moments against their commands."""
 
 import pytest
-from support import rig
+import rig
 
 from firmware import calibration as fw
 from firmware import plausibility as sv

@@ -1,7 +1,7 @@
 """The age of the commands that come back."""
 
 import pytest
-from support import rig
+import rig
 
 from firmware.com import protection
 from firmware.monitors.echo import LATE_ECHOES, note_echo, note_sent, watch_echo

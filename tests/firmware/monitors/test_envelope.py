@@ -1,9 +1,9 @@
 """The safety envelope: each of its rules to the unit and to the tick."""
 
 import pytest
+import rig
 from hypothesis import given as over
 from hypothesis import strategies as st
-from support import rig
 
 from firmware import calibration as fw
 from firmware import plausibility as sv

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from support import rig
+import rig
 
 from firmware import calibration as fw
 from firmware.monitors import axles, balance, heave, response, rolling

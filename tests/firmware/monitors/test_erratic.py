@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from support import rig
+import rig
 
 from firmware import calibration as fw
 from firmware.com.signals import RX_SIGNALS

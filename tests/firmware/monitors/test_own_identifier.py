@@ -1,7 +1,7 @@
 """Frames of the ECU's own identifiers that somebody else sends."""
 
 import pytest
-from support import rig
+import rig
 
 from firmware import calibration as fw
 from firmware.ecu import receive

@@ -1,7 +1,7 @@
 """Redundancy monitor: lateral acceleration and roll rate against what the others say."""
 
 import pytest
-from support import rig
+import rig
 
 from firmware import calibration as fw
 from firmware import plausibility as sv

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+import rig
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
-from support import rig
 
 from firmware import calibration as fw
 from firmware import plausibility as sv

@@ -1,9 +1,9 @@
 """Speed that falls faster than brakes can, up to its last unit."""
 
 import pytest
+import rig
 from hypothesis import given
 from hypothesis import strategies as st
-from support import rig
 
 from firmware.monitors.speed import watch_speed
 from firmware.plausibility import FAULT_SPEED

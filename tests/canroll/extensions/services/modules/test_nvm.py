@@ -4,7 +4,7 @@ import random
 from copy import deepcopy
 
 import pytest
-from support import rig
+import rig
 
 from canroll.extensions.services.modules import fault_memory, nvm, nvm_state, nvm_uds, uds
 from canroll.extensions.services.modules.nvm_state import (
