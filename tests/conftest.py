@@ -22,10 +22,7 @@ settings.load_profile("reproducible")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 subprocess.Popen = Forked  # type: ignore[misc]
-NOT_CORE = [
-    Path(__file__).parent / folder
-    for folder in ("canroll/extensions", "codegen/specialise", "tools")
-]
+NOT_CORE = [Path(__file__).parent / folder for folder in ("canroll/extensions", "tools")]
 """Nothing else needs what these test."""
 REPORTER = pytest.StashKey[pytest.TerminalReporter]()
 

@@ -38,7 +38,6 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     (
         "plant_sim.bodies",
         "codegen.export.sessions",
-        "codegen.specialise",
         "codegen.worst_case",
         "gain_gen.models",
     ),

@@ -145,7 +145,7 @@ def export_c(parser: Parser) -> None:
             "Intel HEX and S-record"),
         opt("--byte-order", BYTE_ORDERS, None, "of the target's memory, for canroll.a2l and "
             "--address (default: little; an image says its own); the C code suits both"),
-        flag("--specialise", "code for this calibration alone: smaller, faster, nothing to tune"),
+        flag("--specialise", "code for this calibration alone: fewer cycles, nothing to tune"),
         opt("--prefix", str, "NAME", "of all public symbols, macros and files, for several bundles "
             "in one image (default: %(default)s)", DEFAULT,
             excludes={"elf": "the bundle has its own"}),

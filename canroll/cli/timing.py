@@ -22,7 +22,7 @@ from codegen.run.bus_firmware import BusFirmware
 from codegen.run.cortex import CortexRun
 from codegen.run.ecu_traffic import EcuTraffic
 from codegen.run.footprint import Footprint, footprint
-from codegen.specialise.firmware import specialised
+from codegen.run.specialised import specialised
 from firmware.calibration import Calibration
 from hil import session
 from hil.budget import Budget, budget_of, judge_host, judge_target
@@ -45,7 +45,8 @@ def run(args: argparse.Namespace) -> int:
     if counter == "qemu" and not cortex.has_gcc_and_qemu():
         raise CanrollError("--counter qemu needs gcc-arm-none-eabi and qemu-system-arm installed")
     if counter == "qemu":
-        image = cortex.gcc_image(args.processor, firmware.files)
+        flags = cortex.optimisation_of(firmware)
+        image = cortex.gcc_image(args.processor, firmware.files, optimisation=flags)
         replayed = qemu.replay(
             record, traffic, args.processor, firmware=firmware, key=settings.secret
         )

@@ -10,12 +10,22 @@ import ast
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
+from textwrap import wrap
 from typing import Literal
 
 from codegen.c99 import kept, record_name
 from codegen.c99.function import FunctionWriter
-from codegen.c99.linkage import PUBLIC_NUMBERS, PUBLIC_TABLES, Home, Names, linkage
+from codegen.c99.linkage import (
+    PUBLIC_NUMBERS,
+    PUBLIC_TABLES,
+    Home,
+    Linkage,
+    Names,
+    linkage,
+    reachable,
+)
 from codegen.c99.notes import Notes
+from codegen.c99.reduced import Reducer
 from codegen.c99.text import (
     CLOSE_C,
     OPEN_C,
@@ -31,7 +41,8 @@ from codegen.operations.c_expression import C_TYPES, PRIMARY, literal
 from codegen.operations.intervals import Value
 from codegen.operations.table import Access
 from codegen.proof.interpreter import Interpreter
-from codegen.proof.prove import prove
+from codegen.proof.one_calibration import outcome
+from codegen.proof.prove import entries_of, prove
 from codegen.subset import rules
 from codegen.subset.parse import load
 from codegen.subset.program import (
@@ -63,38 +74,78 @@ def emit(
 
     Raises SubsetError, naming file and line, for anything outside the subset.
     """
-    return Emitter(load(entry, folder, services=services)).files()
+    return translated(load(entry, folder, services=services))
+
+
+def translated(program: Program, notes: Notes | None = None) -> dict[str, str]:
+    """Translate a program, which has been read for this alone; see :func:`emit`."""
+    rules.check(program)
+    links, seen = linkage(program), prove(program).seen
+    # what no entry point reaches is typed by its function alone
+    rest = Interpreter(program)
+    for function in program.functions():
+        if function.key in links.reachable and not _reached(function, seen):
+            rest.run(function)
+    return Emitter(program, links, {**rest.seen, **seen}, notes or Notes()).files()
+
+
+def translated_for(
+    program: Program,
+    calibration: Mapping[tuple[str, tuple[int, ...]], int],
+    notes: Notes | None = None,
+) -> dict[str, str]:
+    """Translate a program for one calibration, its loop as one unit; see :func:`translated`.
+
+    ``calibration`` is every stored integer by field and indices. Services stay as they are.
+
+    Raises:
+        CanrollError: the result is not proved to be safe.
+    """
+    rules.check(program)
+    seen = outcome(program, calibration)
+    entries = {f.key for f in entries_of(program, program.entries[0])}
+    loop = frozenset(key[0] for key in reachable(program, entries))
+    reducer = Reducer(program, seen, calibration)
+    for function in program.functions():
+        if function.module in loop:
+            reducer.reduce(function)
+    return Emitter(program, linkage(program, loop), seen.seen, notes or Notes()).files()
 
 
 class Emitter:
-    """Translator of one program; its constructor runs the interval analysis."""
+    """Writes the files of one program.
 
-    def __init__(self, program: Program, notes: Notes | None = None) -> None:
-        rules.check(program)
-        self.program = program
-        self.notes = notes or Notes()
-        self.linkage = linkage(program)
-        seen = prove(program).seen
-        # what no entry point reaches is typed by its function alone
-        rest = Interpreter(program)
-        for function in program.functions():
-            if function.key in self.linkage.reachable and not _reached(function, seen):
-                rest.run(function)
-        self.seen = {**rest.seen, **seen}
-        self.names = Names(program, self.linkage.public)
+    Args:
+        program: is written.
+        links: which symbols are public, shared or static, and in which file.
+        seen: the intervals of its expressions.
+        notes: further comments.
+    """
+
+    def __init__(
+        self, program: Program, links: Linkage, seen: Mapping[ast.AST, Value], notes: Notes
+    ) -> None:
+        self.program, self.linkage, self.seen, self.notes = program, links, seen, notes
+        self.names = Names(program, links.public)
 
     # files
 
     def files(self) -> dict[str, str]:
         """All files, including the runtime header and the public header."""
         found = {RUNTIME.name: RUNTIME.read_text("utf-8"), "canroll.h": self._public_header()}
+        sources: dict[str, list[Module]] = {}
         for module in self.program.modules.values():
             found[f"canroll_{module.name}.h"] = self._header(module)
-            functions = [f for f in module.functions.values() if f.key in self.linkage.reachable]
             tables = [c for c in module.constants.values() if c.type.shape]
-            if functions or any(self._home(c) == "header" for c in tables):
-                found[f"canroll_{module.name}.c"] = self._source(module, functions)
+            if self._functions(module) or any(self._home(c) == "header" for c in tables):
+                file = self.program.entries[0] if module.name in self.linkage.unit else module.name
+                sources.setdefault(file, []).append(module)
+        for name, modules in sources.items():
+            found[f"canroll_{name}.c"] = self._source(modules)
         return found
+
+    def _functions(self, module: Module) -> list[Function]:
+        return [f for f in module.functions.values() if f.key in self.linkage.reachable]
 
     def _public_header(self) -> str:
         homes = dict.fromkeys(key[0] for key in self.linkage.public)
@@ -111,11 +162,7 @@ class Emitter:
         guard = f"CANROLL_{module.name.upper()}_H"
         lines = comment(module.doc or module.name)
         lines += [f"#ifndef {guard}", f"#define {guard}", "", '#include "canroll_runtime.h"']
-        functions = [
-            f
-            for f in module.functions.values()
-            if f.key in self.linkage.reachable and f.key in self.linkage.shared
-        ]
+        functions = [f for f in self._functions(module) if f.key in self.linkage.shared]
         needed = {its.record for f in functions for its in f.parameters.values() if its.record}
         homes = {self.program.record(name).module for name in needed} - {module.name}
         lines += [f'#include "canroll_{home}.h"' for home in sorted(homes)]
@@ -196,22 +243,26 @@ class Emitter:
             f"{static}{result} {self.names.function(function)}({', '.join(parameters) or 'void'})"
         )
 
-    def _source(self, module: Module, functions: list[Function]) -> str:
-        lines = [f"/* Generated from {plain(module.path.name)}. */"]
-        lines.append(f'#include "canroll_{module.name}.h"')
-        bodies = [self._function(module, function) for function in functions]
-        text = "\n".join(line for body in bodies for line in body)
-        used = [m for m in module.uses() if m in self.program.modules]
-        lines += [f'#include "canroll_{name}.h"' for name in sorted(set(used) - {module.name})]
-        lines += [line for line in self._constants(module, "source")]
-        for constant in module.constants.values():
-            if constant.type.shape and self._home(constant) == "header":
-                lines += ["", *self._table(constant, "const", body=True)]
-        early = self._called_early(functions)
+    def _source(self, modules: list[Module]) -> str:
+        """One file of C; its modules are in the order in which they use each other."""
+        files = ", ".join(module.path.name for module in modules)
+        lines = comment("\n".join(wrap(f"Generated from {files}.", WIDTH - 8)))
+        own = [module.name for module in modules]
+        lines += [f'#include "canroll_{name}.h"' for name in own]
+        used = {m for module in modules for m in module.uses() if m in self.program.modules}
+        lines += [f'#include "canroll_{name}.h"' for name in sorted(used - {*own})]
+        for module in modules:
+            lines += [line for line in self._constants(module, "source")]
+            for constant in module.constants.values():
+                if constant.type.shape and self._home(constant) == "header":
+                    lines += ["", *self._table(constant, "const", body=True)]
+        functions = [(m, function) for m in modules for function in self._functions(m)]
+        early = self._called_early([function for _, function in functions])
         if early:
             lines.append("")
         for function in early:
             lines += broken(f"{self._prototype(function)};")
+        text = "\n".join(line for pair in functions for line in self._function(*pair))
         return "\n".join([*lines, "", text, ""]).replace("\n\n\n", "\n\n")
 
     def _called_early(self, functions: list[Function]) -> list[Function]:

@@ -39,6 +39,7 @@ class Linkage:
             declared.
         homes: where each constant is declared: a table in the only function that uses it; a table
             of the header is defined in the source.
+        unit: modules that are one file in C, that of the first entry module.
     """
 
     public: dict[Key, str]
@@ -47,6 +48,7 @@ class Linkage:
     volatile: frozenset[tuple[Key, str]]
     open: frozenset[tuple[Key, str]]
     homes: Mapping[Key, Home]
+    unit: frozenset[str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,13 +72,15 @@ class Names:
         return name.lower() if constant.type.shape else name.upper()
 
 
-def linkage(program: Program) -> Linkage:
-    """Return the linkage of ``program``."""
+def linkage(program: Program, unit: frozenset[str] = frozenset()) -> Linkage:
+    """Return the linkage of ``program``, in which the modules of ``unit`` are one file."""
     public = {f.key: public_name(program, f) for f in entry_points(program)}
-    reachable = _reachable(program, public)
-    users = _users(program, reachable)
+    reached = reachable(program, public)
+    users = _users(program, reached)
     shared = set(public) | {
-        key for key, functions in users.items() if any(f[0] != key[0] for f in functions)
+        key
+        for key, functions in users.items()
+        if any(f[0] != key[0] and not unit.issuperset((f[0], key[0])) for f in functions)
     }
     for module in program.modules.values():
         if module.records or module.name == PUBLIC_NUMBERS:
@@ -95,7 +99,7 @@ def linkage(program: Program) -> Linkage:
     }
     volatile = _passed_on(program, set(), _is_volatile)
     opened = _passed_on(program, given, lambda ref: False)
-    return Linkage(public, reachable, frozenset(shared), volatile, opened, homes)
+    return Linkage(public, reached, frozenset(shared), volatile, opened, homes, unit)
 
 
 def public_name(program: Program, function: Function) -> str:
@@ -125,10 +129,12 @@ def _home(constant: Constant, shared: Collection[Key], users: Mapping[Key, set[K
     functions = users.get(key, set())
     if not functions:
         return "none"
-    return next(iter(functions)) if len(functions) == 1 else "source"
+    only = next(iter(functions))
+    return only if len(functions) == 1 and only[0] == constant.module else "source"
 
 
-def _reachable(program: Program, public: dict[Key, str]) -> frozenset[Key]:
+def reachable(program: Program, public: Collection[Key]) -> frozenset[Key]:
+    """The functions that those of ``public`` call, directly or not, and these themselves."""
     todo = [f for f in program.functions() if f.key in public]
     found = set()
     while todo:

@@ -28,9 +28,9 @@ from codegen.export.sessions import secoc_session
 from codegen.export.sessions.session import Session
 from codegen.run import native
 from codegen.run.bus_firmware import BusFirmware, of_bus, with_services, with_stage
-from codegen.run.cortex import OPTIMISATION
+from codegen.run.cortex import optimisation_of
 from codegen.run.service import SERVICES
-from codegen.specialise.firmware import specialised
+from codegen.run.specialised import specialised
 from dbc.reader import Files, each, network_file
 
 __all__ = ["Export", "is_specialised", "refuse_namesakes", "sources", "write"]
@@ -138,8 +138,7 @@ def write(folder: Path, export: Export) -> list[Path]:
     general = with_stage(of_bus(export.dbc, export.map_file), export.stage)
     loop = specialised(general, export.record) if export.specialised else general
     served = with_services(loop, export.services)
-    origin = general if export.specialised else None
-    code = Code(general, loop, served, annotate.files(served, origin))
+    code = Code(general, loop, served, annotate.files(served))
     texts: dict[str, str] = {}
     for part in PARTS:
         files = part(export, code)
@@ -207,7 +206,7 @@ def _boards(export: Export, code: Code) -> dict[str, str]:
         "fd": "canroll_signals_tx_fd[slot]" if fd else "0",
         "fd_conf": f"CONFIG_CAN_FD_MODE={'y' if fd else 'n'}",
         "fd_mode": "CAN_MODE_FD" if fd else "CAN_MODE_NORMAL",
-        "optimisation": " ".join(OPTIMISATION),
+        "optimisation": " ".join(optimisation_of(code.served)),
     }
     for name, place in PLACES.items():
         text = (TEMPLATES / name).read_text(encoding="utf-8")
@@ -239,8 +238,7 @@ def _described(export: Export, code: Code) -> dict[str, str]:
         "src/canroll_epk.c": EPK_SOURCE,
         "canroll.a2l": a2l.a2l(software, addresses, export.byte_order),
     }
-    origin = code.general if export.specialised else None
-    texts[traceability.PAGE] = traceability.page(code.served, code.files, origin)
+    texts[traceability.PAGE] = traceability.page(code.served, code.files)
     return texts
 
 

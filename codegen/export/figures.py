@@ -58,7 +58,8 @@ def table(record: Calibration, loop: BusFirmware, served: BusFirmware) -> str:
         image = cortex.zig_image(PROCESSOR, served)
         compiler, known = _version(sys.executable, "-m", "ziglang", "cc"), SIZES
     else:
-        image = cortex.gcc_image(PROCESSOR, served.files, served.services)
+        flags = cortex.optimisation_of(served)
+        image = cortex.gcc_image(PROCESSOR, served.files, served.services, optimisation=flags)
         compiler, known = _version(GCC), KNOWN
     size = footprint(image, loop.record)
     rows: dict[str, object] = {

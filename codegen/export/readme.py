@@ -35,7 +35,7 @@ is nothing to tune: the A2L describes the ECU's record alone, a new calibration 
 not compile. The record stays in memory, as `canroll_tick` goes on checking that CRC.
 """
 GENERAL_FILES = "the loop, one file a stage"
-SPECIALISED_FILES = "the loop, in `canroll_ecu.c`; each function names the one it is a copy of"
+SPECIALISED_FILES = "the loop, in `canroll_ecu.c`"
 GENERAL_CASES = """\
 The cases in `test/session_cases.c` run other calibrations than yours, all laws, observers and
 refusals among them, on hostile frames. They reach every statement and branch of the loop (`make

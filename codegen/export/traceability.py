@@ -4,7 +4,6 @@ The requirements are those of ``requirements.toml``. Lines and obligations are r
 and the emitted C themselves, so the table is that of the bundle it stands in.
 """
 
-import ast
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -30,13 +29,11 @@ NOTE = (
     "tests |\n"
 )
 PAGE = "TRACEABILITY.md"
-MADE = "ecu"
-"""Module of specialised code, whose functions are copies of others that their docstrings name."""
+UNIT = "canroll_ecu.c"
+"""File of all modules of the loop in code for one calibration."""
 RUN = "; `test/session_cases.c` runs every statement"
 SPECIALISED = """\
-The code is specialised for one calibration: a function has a copy in C for each set
-of arguments that are known, and the obligations are those of the copy. One without a line in C was
-put in place of its calls, or is not reached with this calibration."""
+The code is for one calibration: a function without a line in C is not reached with it."""
 NO_CODE = "—"
 
 
@@ -88,13 +85,10 @@ class Row:
     obligations: int
 
 
-def rows(
-    program: Program, files: Mapping[str, str], general: Program | None = None
-) -> dict[str, list[Row]]:
+def rows(program: Program, files: Mapping[str, str]) -> dict[str, list[Row]]:
     """Return the functions by the requirement they are there for; "" for the engineer's own.
 
-    ``general``: the program that ``program`` was specialised from, None where it is not. Its
-    functions of which nothing is left have a row too, without a line in C.
+    ``files`` is the C. What is not reached with its one calibration has a row without a line in it.
 
     Raises:
         CanrollError: a function that no requirement, or more than one, asks for.
@@ -103,31 +97,11 @@ def rows(
     names, proof = Names(program, links.public), prove(program)
     traced: dict[str, list[Row]] = {its.name: [] for its in requirements()}
     traced[""] = []
-    copied = set()
     for function in program.functions():
         if function.key in links.reachable:
-            origin = origin_of(function, general)
-            copied.add(origin.key)
-            home = program if origin is function or general is None else general
             place = _emitted(function, names, files), _obligations(program, function, proof)
-            traced[requirement_of(origin)].append(Row(*source_of(home, origin), *place))
-    if general is not None:
-        reached = linkage(general).reachable
-        for function in general.functions():
-            if function.key in reached and function.key not in copied:
-                row = Row(*source_of(general, function), NO_CODE, 0)
-                traced[requirement_of(function)].append(row)
+            traced[requirement_of(function)].append(Row(*source_of(program, function), *place))
     return traced
-
-
-def origin_of(function: Function, general: Program | None) -> Function:
-    """Return the function that a copy in specialised code was made from, or itself."""
-    if general is None or function.module != MADE:
-        return function
-    last = (ast.get_docstring(function.node) or "").split("\n\n")[-1]
-    match = re.fullmatch(r"(\w+)\.(\w+)( for .*)?\.", last, re.DOTALL)
-    assert match is not None, function.key
-    return general.modules[match[1]].functions[match[2]]
 
 
 def requirement_of(function: Function) -> str:
@@ -161,8 +135,11 @@ def _obligations(program: Program, function: Function, proof: Proof) -> int:
 
 
 def _emitted(function: Function, names: Names, files: Mapping[str, str]) -> str:
-    file = f"canroll_{function.module}.c"
-    return f"src/{file}:{defined(files[file], names.function(function))}"
+    file, name = f"canroll_{function.module}.c", names.function(function)
+    file = file if file in files else UNIT
+    if file == UNIT and f" {name}(" not in files[UNIT]:
+        return NO_CODE
+    return f"src/{file}:{defined(files[file], name)}"
 
 
 def defined(text: str, name: str) -> int:
@@ -173,24 +150,15 @@ def defined(text: str, name: str) -> int:
     raise CanrollError(f"no function {name} in the C")
 
 
-def page(
-    firmware: BusFirmware, files: Mapping[str, str], general: BusFirmware | None = None
-) -> str:
-    """Return the table of a bundle as Markdown.
-
-    Args:
-        firmware: the firmware of the bundle.
-        files: its C, whose lines are shown.
-        general: what it was specialised from, or None.
-    """
+def page(firmware: BusFirmware, files: Mapping[str, str]) -> str:
+    """Return the table of a bundle as Markdown; ``files`` is its C, whose lines are shown."""
     asked = f"{requirements()} of {sorted(files.items())}"
-    return firmware.kept(asked, lambda: {"text": _made(firmware, files, general)})["text"]
+    return firmware.kept(asked, lambda: {"text": _made(firmware, files)})["text"]
 
 
-def _made(firmware: BusFirmware, files: Mapping[str, str], general: BusFirmware | None) -> str:
-    origin = None if general is None else general.program()
-    traced = rows(firmware.program(), files, origin)
-    return "\n".join([*_lines(traced, specialised=general is not None), ""])
+def _made(firmware: BusFirmware, files: Mapping[str, str]) -> str:
+    traced = rows(firmware.program(), files)
+    return "\n".join([*_lines(traced, specialised=bool(firmware.calibration)), ""])
 
 
 def _lines(found: Mapping[str, list[Row]], *, specialised: bool) -> Iterator[str]:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
-from codegen.c99.emit import Emitter
+from codegen.c99.emit import translated
 from codegen.frame.checksum import PREFIX, OwnChecksum
 from codegen.proof.prove import prove
 from codegen.subset import grammar, rules
@@ -108,7 +108,7 @@ def _proved(path: Path, source: str, name: str, where: str) -> OwnChecksum:
         rule = f"not proved: {finding.what}: [{finding.lo}, {finding.hi}]"
         raise SubsetError(Path(finding.path), finding.line, rule)
     # what remains to be refused is what only the translation sees
-    Emitter(program).files()
+    translated(program)
     return own
 
 

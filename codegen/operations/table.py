@@ -1,7 +1,7 @@
 """The operators and intrinsics of the subset: one row says all that any pass needs to know of one.
 
 A row holds how an operation is computed, what interval its result has, what must be proved of its
-operands, and its C. The rules, the prover, the emitter and the specialiser read these tables and
+operands, and its C. The rules, the prover, the emitter and the reducer read these tables and
 name no operation. A new intrinsic is a row here and its function in ``firmware/subset.py``, which
 CPython runs; if C has no operator for it, also a helper in ``codegen/c99/canroll_runtime.h``.
 """
@@ -10,7 +10,7 @@ import ast
 import operator
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from codegen.operations import c_forms
 from codegen.operations import intervals as iv
@@ -34,7 +34,6 @@ class Operation:
         c: C, for the interval of the result and the operands.
         obligations: what must hold of the operands' intervals.
         overflows: whether it must be proved that the result fits 64 bits.
-        limits: for the operands: between which bounds the result is the first operand unchanged.
     """
 
     name: str
@@ -44,7 +43,6 @@ class Operation:
     c: Callable[..., Expression]
     obligations: Callable[..., Iterable[Obligation]] = lambda *_: ()
     overflows: bool = False
-    limits: Callable[..., tuple[Any, Any]] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,11 +142,9 @@ INTRINSICS: dict[str, Intrinsic] = {
     for row in (
         Operation(
             "sat32", ("i64",), subset.sat32, _limited(*KINDS["i32"]), c_forms.sat32,
-            limits=lambda _: KINDS["i32"],
         ),
         Operation(
             "sat31", ("i64",), subset.sat31, _limited(*BITS_31), c_forms.sat31,
-            limits=lambda _: BITS_31,
         ),
         Operation(
             "scaled", ("i64", "i32"), subset.scaled,
@@ -156,7 +152,6 @@ INTRINSICS: dict[str, Intrinsic] = {
         ),
         Operation(
             "clamp", ("i64", "i32", "i32"), subset.clamp, iv.clamp, c_forms.clamp,
-            limits=lambda _, low, high: (low, high),
         ),
         Operation(
             "rsh", ("i64", "i32"), subset.rsh, iv.shift_rounded, c_forms.rounded, _rounding
@@ -170,7 +165,6 @@ INTRINSICS: dict[str, Intrinsic] = {
         ),
         Operation(
             "byte", ("i64",), subset.byte, _within(*KINDS["u8"]), c_forms.byte,
-            limits=lambda _: KINDS["u8"],
         ),
         Operation(
             "narrow", ("i64",), subset.narrow, _limited(*KINDS["i32"]), c_forms.narrow,

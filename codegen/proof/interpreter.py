@@ -40,6 +40,8 @@ WIDENED = 2
 
 Element = tuple[str, str, str, tuple[int, ...]]
 """Owner, kind and name of an array as of :class:`Place`, and the indices of one element."""
+FieldElement = tuple[str, str, tuple[int, ...]]
+"""The same of any owner."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +97,8 @@ class Finding:
 
 Way = AbstractState | None
 """The state in which a way through a function goes on; None where it does not."""
+Paths = list[tuple[Value | None, AbstractState]]
+"""Result and final state of each path through a function."""
 
 
 class Interpreter:
@@ -107,10 +111,11 @@ class Interpreter:
         bounded: name of a module whose loops in each other are limited.
 
     Attributes:
+        ranges: elements of records, without their owner, known more closely than declared.
         seen: the interval of each syntax node over all ways to reach it.
         turns: the most rounds of each loop.
         ways: whether each condition is ever true, ever false.
-        stored: what is stored in each field that no interrupt writes, by record and field.
+        stored: what is stored in each element that no interrupt writes.
         obligations: path, line, column and kind of all that was to be shown.
     """
 
@@ -123,15 +128,18 @@ class Interpreter:
         bounded: str = "",
     ) -> None:
         self.program, self.refs, self.bounded = program, program.refs, bounded
+        # with one calibration many operands are one number each
+        self.exact = calibration is not None
         self.seen: dict[ast.AST, Value] = {}
         self.turns: dict[ast.For, int] = {}
         self.ways: dict[ast.expr, tuple[bool, bool]] = {}
-        self.stored: dict[tuple[str, str], Value] = {}
+        self.stored: dict[FieldElement, Value] = {}
+        self.ranges: Mapping[FieldElement, Value] = {}
         self.obligations: set[tuple[str, int, int, str]] = set()
         self.failed: dict[tuple[str, int, str], Finding] = {}
         self.arrays: dict[tuple[str, str], Array] = {}
         self.function: Function = next(program.functions())
-        self.returns: list[tuple[Value | None, AbstractState]] = []
+        self.returns: Paths = []
         self.rounds = 0
         for module in program.modules.values():
             for record in module.records.values():
@@ -156,7 +164,7 @@ class Interpreter:
         """Obligations not met, by place."""
         return sorted(self.failed.values(), key=lambda f: (f.path, f.line, f.what))
 
-    def run(self, function: Function) -> Value | None:
+    def run(self, function: Function) -> Paths:
         """Run ``function`` with parameters of any value of their type; no two overlap."""
         names: dict[str, Value | Place] = {}
         for name, kind in function.parameters.items():
@@ -168,7 +176,16 @@ class Interpreter:
                 names[name] = Place(owner, owner, name)
             else:
                 names[name] = Value(*KINDS[kind.kind])
-        return self._body(function, names, {})[0]
+        return self._paths(function, names, {})
+
+    def add(self, other: "Interpreter") -> None:
+        """Note values, ways and turns of another run too."""
+        for node, value in other.seen.items():
+            self._record(node, value)
+        for test, ways in other.ways.items():
+            self._way(test, *ways)
+        for loop, turns in other.turns.items():
+            self.turns[loop] = max(turns, self.turns.get(loop, 0))
 
     # obligations
 
@@ -226,7 +243,7 @@ class Interpreter:
         array = self.arrays[kind, name]
         if array.exact is not None:
             return Value(array.exact[indices], array.exact[indices])
-        return Value(array.lo, array.hi)
+        return self.ranges.get((kind, name, indices)) or Value(array.lo, array.hi)
 
     def _store(self, node: ast.stmt, target: ast.expr, value: Value, state: AbstractState) -> None:
         ref = self.refs[target]
@@ -239,18 +256,18 @@ class Interpreter:
         value = self._stored(node, value, array.lo, array.hi, label)
         if array.volatile:
             return
-        self._note(place.kind, place.name, value)
         targets = self._elements(place)
         for each in targets:
+            self._note(each, value)
             # one of several elements may change
             before = value if len(targets) == 1 else self._element(each, state)
             state.known[each] = iv.hull(before, value)
 
-    def _note(self, record: str, field: str, value: Value) -> None:
-        before = self.stored.get((record, field), value)
-        self.stored[record, field] = iv.hull(before, value)
+    def _note(self, element: Element, value: Value) -> None:
+        before = self.stored.get(element[1:], value)
+        self.stored[element[1:]] = iv.hull(before, value)
 
-    def _joined(self, a: Way, b: Way) -> Way:
+    def joined(self, a: Way, b: Way) -> Way:
         """The state in which either way goes on."""
         if a is None or b is None:
             return a or b
@@ -334,6 +351,9 @@ class Interpreter:
         for met, what, shown in operation.obligations(*operands):
             self._oblige(node, met, what, shown)
         result = operation.interval(*operands)
+        if self.exact and all(value.lo == value.hi for value in operands):
+            number = operation.fold(*(value.lo for value in operands))
+            result = result.limited(number, number)
         return self._checked(node, result) if operation.overflows else result
 
     def _access(self, node: ast.Call, access: Access, state: AbstractState) -> Value:
@@ -362,10 +382,10 @@ class Interpreter:
             array = self.arrays[record.name, name]
             self._oblige(node, row.lo <= 0 <= row.hi, f"{name} can't be zero", zero)
             if not array.volatile:
-                self._note(record.name, name, zero.limited(array.lo, array.hi))
                 for indices in product(*map(range, row.type.shape)):
                     element = (place.owner, place.kind, name, indices)
                     state.known[element] = zero.limited(array.lo, array.hi)
+                    self._note(element, state.known[element])
         return zero
 
     # calls
@@ -375,7 +395,7 @@ class Interpreter:
         function: Function,
         names: dict[str, Value | Place],
         known: dict[Element, Value],
-    ) -> list[tuple[Value | None, AbstractState]]:
+    ) -> Paths:
         """Run a function; return its result and final state for each path."""
         outer = self.function, self.returns
         self.function, self.returns = function, []
@@ -397,7 +417,7 @@ class Interpreter:
             state.names = {}
             if value is not None:
                 result = value if result is None else iv.hull(result, value)
-            end = self._joined(end, state)
+            end = self.joined(end, state)
         return result, known if end is None else end.known
 
     def _outcomes(
@@ -429,9 +449,12 @@ class Interpreter:
     def branch(self, test: ast.expr, state: AbstractState) -> tuple[Way, Way]:
         """States in which ``test`` holds and in which it does not; None where impossible."""
         yes, no = self._branch(test, state)
-        ever_yes, ever_no = self.ways.get(test, (False, False))
-        self.ways[test] = ever_yes or yes is not None, ever_no or no is not None
+        self._way(test, yes is not None, no is not None)
         return yes, no
+
+    def _way(self, test: ast.expr, *taken: bool) -> None:
+        yes, no = self.ways.get(test, (False, False))
+        self.ways[test] = yes or taken[0], no or taken[1]
 
     def _branch(self, test: ast.expr, state: AbstractState) -> tuple[Way, Way]:
         match test:
@@ -446,7 +469,7 @@ class Interpreter:
                         break
                     yes, no = self.branch(part, current)
                     out, current = (no, yes) if both else (yes, no)
-                    left = self._joined(left, out)
+                    left = self.joined(left, out)
                 return (current, left) if both else (left, current)
         assert isinstance(test, ast.Compare)
         op, other = type(test.ops[0]), test.comparators[0]
@@ -457,7 +480,7 @@ class Interpreter:
                 limit = self.value(other, after)
                 for i, each in enumerate(each_way):
                     if narrow(each, value, limit) is not None:
-                        ways[i] = self._joined(ways[i], after) if ways[i] else after.copy()
+                        ways[i] = self.joined(ways[i], after) if ways[i] else after.copy()
             return ways[0], ways[1]
         a, b = self.value(test.left, state), self.value(other, state)
         yes, no = (self._narrowed(test, each, a, b, state) for each in each_way)
@@ -511,7 +534,7 @@ class Interpreter:
         end: Way = None
         for value, after in self._outcomes(statement.value, state):
             self._store(statement, statement.target, value, after)
-            end = self._joined(end, self._statement(following, after))
+            end = self.joined(end, self._statement(following, after))
         return end
 
     def _statement(self, node: ast.stmt, state: AbstractState) -> Way:
@@ -526,7 +549,7 @@ class Interpreter:
                 self._store(node, node.target, after, state)
             case ast.If():
                 yes, no = self.branch(node.test, state)
-                return self._joined(self._block(node.body, yes), self._block(node.orelse, no))
+                return self.joined(self._block(node.body, yes), self._block(node.orelse, no))
             case ast.For():
                 return self._loop(node, state)
             case ast.Return():
@@ -587,7 +610,7 @@ class Interpreter:
             certain = k < stop.lo if trips.step > 0 else k > stop.hi
             skipped = None if certain else state.copy()
             state.names[name] = Value(k, k)
-            state = self._joined(skipped, self._block(node.body, state))
+            state = self.joined(skipped, self._block(node.body, state))
         if state is not None:
             state.names.pop(name, None)
         return state
@@ -601,7 +624,7 @@ class Interpreter:
             if after is None:
                 return entry
             after.names.pop(name, None)
-            merged = self._joined(entry, after)
+            merged = self.joined(entry, after)
             assert merged is not None
             grown = [n for n, v in merged.names.items() if v != entry.names.get(n)]
             changed = [e for e, v in merged.known.items() if v != self._element(e, entry)]

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from codegen.operations.intervals import Value, hull
+from codegen.operations.intervals import Value
 from codegen.proof.interpreter import Finding, Interpreter
 from codegen.subset.parse import load
 from codegen.subset.program import Function, Program
@@ -39,10 +39,11 @@ class Proof:
 
 def entry_points(program: Program) -> list[Function]:
     """``init``, ``receive``, ``tick`` of each entry module, or all its functions without those."""
-    return [function for name in program.entries for function in _entries(program, name)]
+    return [function for name in program.entries for function in entries_of(program, name)]
 
 
-def _entries(program: Program, module: str) -> list[Function]:
+def entries_of(program: Program, module: str) -> list[Function]:
+    """The same of one entry module."""
     its = program.modules[module]
     known = (program.lookup(its, ast.Name(name)) for name in ENTRIES)
     found = [function for function in known if isinstance(function, Function)]
@@ -64,21 +65,21 @@ def prove(
         SubsetError: loops of the bounded module exceed their limit.
     """
     program = program or load()
-    runs = []
-    home = program.modules.get(CHECK[0])
-    if home is not None and CHECK[1] in home.functions:
-        loose = Interpreter(program, any_calibration=True)
-        loose.run(home.functions[CHECK[1]])
-        runs.append(loose)
+    loose = any_calibration(program)
     strict = Interpreter(program, calibration=calibration, bounded=bounded)
     for function in entry_points(program):
         strict.run(function)
-    runs.append(strict)
-    seen: dict[ast.AST, Value] = {}
-    for run in runs:
-        for node, value in run.seen.items():
-            seen[node] = hull(seen[node], value) if node in seen else value
-    findings = {finding: None for run in runs for finding in run.findings}
-    places = {place for run in runs for place in run.obligations}
+    findings = dict.fromkeys([*loose.findings, *strict.findings])
+    places = loose.obligations | strict.obligations
     obligations = Counter((path, line) for path, line, _, _ in places)
-    return Proof(tuple(findings), seen, obligations, strict.turns)
+    strict.add(loose)
+    return Proof(tuple(findings), strict.seen, obligations, strict.turns)
+
+
+def any_calibration(program: Program) -> Interpreter:
+    """Run the check of calibrations, where there is one, on any calibration at all."""
+    run = Interpreter(program, any_calibration=True)
+    home = program.modules.get(CHECK[0])
+    if home is not None and CHECK[1] in home.functions:
+        run.run(home.functions[CHECK[1]])
+    return run

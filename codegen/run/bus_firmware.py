@@ -41,6 +41,7 @@ class BusFirmware:
         modules: sources of the modules that differ from those checked in, by file name.
         stage: the engineer's own stage in it, or None.
         services: modules beside the loop that are part of it.
+        calibration: the only one that its C is for, as in memory; empty: it is for any.
         slots: mailboxes that receive a frame, by its identifier.
         messages: numbers by which ``receive`` takes a frame, by its identifier: its mailboxes, or
             beyond them the slots in which the ECU itself sends it.
@@ -51,6 +52,7 @@ class BusFirmware:
     modules: Mapping[str, str]
     stage: OwnStage | None = None
     services: tuple[str, ...] = ()
+    calibration: bytes = b""
     slots: Mapping[int, tuple[int, ...]] = field(init=False)
     messages: Mapping[int, tuple[int, ...]] = field(init=False)
     sent: tuple[tuple[int, int], ...] = field(init=False)
@@ -72,7 +74,7 @@ class BusFirmware:
     @cached_property
     def files(self) -> dict[str, str]:
         """The firmware in C, by file name."""
-        if not self.modules:
+        if not self.modules and not self.calibration:
             return kept.translation("ecu", self._translated)
         return kept.translation(self._parts, self._translated)
 
@@ -83,11 +85,14 @@ class BusFirmware:
     @property
     def _parts(self) -> tuple[object, ...]:
         """What makes it beside the firmware as checked in."""
-        return sorted(self.modules.items()), self.services, sorted(self._shown.items())
+        own = sorted(self.modules.items()), self.services, sorted(self._shown.items())
+        return (*own, self.calibration) if self.calibration else own
 
     def _translated(self) -> dict[str, str]:
         beside = [name for name in self.services if name != AUTHENTICATION]
-        files: dict[str, str] = _translation().translated(self.program(), self.stage, beside)
+        files: dict[str, str] = _translation().translated(
+            self.program(), self.stage, self.calibration, services=beside
+        )
         return files
 
     def program(self) -> "Program":

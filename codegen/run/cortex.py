@@ -31,7 +31,9 @@ BOARD = Path(__file__).parents[1] / "board"
 OPTIMISATION = ("-Os", "-fno-move-loop-invariants", "-fno-schedule-insns2", "-fno-if-conversion2")
 """What makes this code both small and quick: fewer registers saved and spilled, and no conditional
 instructions that a branch would skip. The exported bundle is built with the same flags."""
-GCC_FLAGS = ["-std=gnu99", "-mthumb", "-mfloat-abi=soft", "-ffreestanding", *OPTIMISATION, "-g"]
+INLINED = ("-O2", "-fpeel-loops", "-fipa-cp-clone", "--param=max-inline-insns-auto=60")
+"""What makes the code of one calibration quick: its numbers reach the functions that use them."""
+GCC_FLAGS = ["-std=gnu99", "-mthumb", "-mfloat-abi=soft", "-ffreestanding", "-g"]
 GCC_FLAGS += ["-ffunction-sections", "-fdata-sections", "-Wall", "-Wextra"]
 
 
@@ -117,19 +119,28 @@ def _kept(files: Mapping[str, str], services: Sequence[str]) -> list[str]:
     return flags
 
 
+def optimisation_of(firmware: BusFirmware) -> tuple[str, ...]:
+    """The flags by which the C of a firmware is built for a processor, in its bundle too."""
+    return INLINED if firmware.calibration else OPTIMISATION
+
+
 def gcc_image(
-    name: str, firmware: Mapping[str, str] | None = None, services: Sequence[str] = ()
+    name: str,
+    firmware: Mapping[str, str] | None = None,
+    services: Sequence[str] = (),
+    *,
+    optimisation: Sequence[str] = OPTIMISATION,
 ) -> Path:
     """The replay program for QEMU, built by arm-none-eabi-gcc.
 
     ``firmware`` are the sources of another ECU with the same records; the emitted ones by default.
-    ``services`` among them are linked too.
+    ``services`` among them are linked too; ``optimisation`` is that of :func:`optimisation_of`.
     """
     files = dict(firmware or emit.firmware())
     for file in ("startup.c", "replay.c", "link.ld"):
         files[file] = (BOARD / file).read_text(encoding="utf-8")
-    flags = [f"-mcpu={name}", *GCC_FLAGS, "-nostdlib", "-T", "link.ld", "-Wl,--gc-sections"]
-    flags += _kept(files, services)
+    flags = [f"-mcpu={name}", *GCC_FLAGS, *optimisation, *_kept(files, services)]
+    flags += ["-nostdlib", "-T", "link.ld", "-Wl,--gc-sections"]
     return built(["arm-none-eabi-gcc", *flags], files, f"gcc_{name}.elf", last=["-lgcc"])
 
 

@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 from canroll.errors import CanrollError
 from codegen.run import memory_image
 from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.cortex import BOARD, CortexRun, built, cpu, gcc_image, sent
+from codegen.run.cortex import (
+    BOARD,
+    CortexRun,
+    built,
+    cpu,
+    gcc_image,
+    optimisation_of,
+    sent,
+)
 from codegen.run.ecu_traffic import EcuTraffic
 from codegen.run.secured import listening_ticks
 from dbc.keys import DEVELOPMENT_KEY
@@ -51,12 +59,14 @@ def replay(
     """Replay ``traffic`` in QEMU, counting instructions with a plugin, and cycles by ``costs``.
 
     ``firmware`` is the firmware for a bus, by default the built-in one; ``files`` are the sources
-    of another ECU with the same records, by default those of ``firmware``. ``key`` is for a bus
+    of another ECU with the same records, by default those of ``firmware``, built as those are.
+    ``key`` is for a bus
     with authenticated frames, where a tick's counts are those of the loop and of the authentication
     of all frames received before it and sent by it.
     """
     firmware = firmware or built_in()
-    image = gcc_image(name, files or firmware.files)
+    flags = optimisation_of(firmware)
+    image = gcc_image(name, files or firmware.files, optimisation=flags)
     plugin = built(
         ["cc", "-O2", "-shared", "-fPIC"],
         {"insncount.c": (BOARD / "insncount.c").read_text(encoding="utf-8")},

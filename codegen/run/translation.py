@@ -15,15 +15,18 @@ from pathlib import Path
 from types import ModuleType
 
 from codegen.c99 import emit
+from codegen.c99.notes import Notes
 from codegen.generated import frames, protection, signals
 from codegen.generated.bus_map import BusMap
 from codegen.generated.own_stage import NAME, OwnStage
 from codegen.proof import service_rules, stage_rules
 from codegen.proof.prove import prove
+from codegen.run import memory_image
 from codegen.run.service import SERVICES
 from codegen.subset import grammar, parse, rules
 from codegen.subset.program import FIRMWARE, Program, copy_sources, file_of
 from dbc.reader import Files
+from firmware.calibration import Calibration
 
 GENERATED = {
     "frames.py": frames.generate,
@@ -56,9 +59,15 @@ def shown(bus: BusMap, modules: Mapping[str, str], stage: OwnStage | None) -> di
 
 
 def translated(
-    program: Program, stage: OwnStage | None, services: Sequence[str] = ()
+    program: Program,
+    stage: OwnStage | None,
+    calibration: bytes,
+    notes: Notes | None = None,
+    services: Sequence[str] = (),
 ) -> dict[str, str]:
     """Return a firmware in C, by file name; a stage is checked and proved first, as services are.
+
+    ``calibration`` is the image of the only one that its loop is for; empty: it is for any.
 
     Raises:
         SubsetError: file and line of what a stage or a service may not do.
@@ -71,7 +80,11 @@ def translated(
     if stage:
         rules.check(program)
         stage_rules.check(program, prove(program, bounded=NAME))
-    return emit.Emitter(program).files()
+    if not calibration:
+        return emit.translated(program, notes)
+    record = Calibration()
+    memory_image.fill(record, calibration)
+    return emit.translated_for(program, memory_image.elements(record), notes)
 
 
 def program_of(

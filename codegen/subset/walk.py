@@ -1,4 +1,4 @@
-"""Walking syntax trees; proof and specialiser spend most of their time on it."""
+"""Walking syntax trees; the proof spends most of its time on it."""
 
 import ast
 

@@ -75,7 +75,7 @@ def firmware_bound(
         CanrollError: the code cannot be bounded.
     """
     firmware = firmware or built_in()
-    image = MachineImage(cortex.gcc_image(timing.cpu, firmware.files))
+    image = MachineImage(_image(timing, firmware))
     ecu, constants = image.address("ecu"), image.address("calibration")
     image.constant.append(Section(constants, memory_image.image(calibration)))
     records = {ecu: firmware.record}
@@ -102,6 +102,11 @@ def firmware_bound(
         analysis, image.address("replay_secoc"), STACK, received=received, sent=sent
     )
     return FirmwareBound(timing, its.around(tick), receive, its)
+
+
+def _image(timing: Timing, firmware: BusFirmware) -> Path:
+    flags = cortex.optimisation_of(firmware)
+    return cortex.gcc_image(timing.cpu, firmware.files, optimisation=flags)
 
 
 def _marks(firmware: BusFirmware, ecu: int) -> list[int]:
@@ -141,7 +146,7 @@ def observe(
     would refute the bound.
     """
     firmware = firmware or built_in()
-    costs = cycle_costs(cortex.gcc_image(timing.cpu, firmware.files), timing)
+    costs = cycle_costs(_image(timing, firmware), timing)
     cycles = stack = done = late = 0
     for seed in count():
         if done >= ticks:

@@ -8,7 +8,7 @@ import pytest
 from codegen.export import annotate, traceability
 from codegen.run import ecu_traffic, native
 from codegen.run.bus_firmware import built_in, with_services
-from codegen.specialise.firmware import specialised
+from codegen.run.specialised import specialised
 from codegen.subset.formats import Formats, Scope
 from codegen.subset.program import FieldReference
 from codegen.subset.walk import walk
@@ -20,18 +20,18 @@ def special():
     return specialised(built_in(), ecu_traffic.random_calibration(7))
 
 
-CODES = {"general": (lambda: SERVED, lambda: None), "specialised": (special, built_in)}
+CODES = {"general": lambda: SERVED, "specialised": special}
 
 
 @pytest.fixture(params=CODES, scope="module")
 def code(request):
-    firmware, general = (make() for make in CODES[request.param])
-    return firmware, general, annotate.files(firmware, general)
+    firmware = CODES[request.param]()
+    return firmware, annotate.files(firmware)
 
 
 @pytest.mark.slow
 def test_the_comments_are_all_that_differs(code):
-    firmware, _, files = code
+    firmware, files = code
     comment = re.compile(r"^ */\* (\w+\.py:\d.*, requirement: .*|.* -> Q\d+) \*/\n", re.MULTILINE)
     assert files.keys() == firmware.files.keys()
     assert files != firmware.files
@@ -42,7 +42,7 @@ def test_the_comments_are_all_that_differs(code):
 @pytest.mark.slow
 @pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 def test_the_object_code_is_the_same(code, tmp_path):
-    firmware, _, files = code
+    firmware, files = code
     for folder, texts in (("plain", firmware.files), ("noted", files)):
         (tmp_path / folder).mkdir()
         for name, text in texts.items():
@@ -59,9 +59,8 @@ def test_the_object_code_is_the_same(code, tmp_path):
 
 @pytest.mark.slow
 def test_above_every_function_are_its_source_and_requirement(code):
-    firmware, general, files = code
-    origin = None if general is None else general.program()
-    traced = traceability.rows(firmware.program(), files, origin)
+    firmware, files = code
+    traced = traceability.rows(firmware.program(), files)
     seen = 0
     for requirement, rows in traced.items():
         for row in rows:

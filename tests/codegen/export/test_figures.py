@@ -9,7 +9,7 @@ from codegen.export import figures
 from codegen.run import cortex, ecu_traffic
 from codegen.run.bus_firmware import built_in, of_bus, with_services
 from codegen.run.footprint import footprint
-from codegen.specialise.firmware import specialised
+from codegen.run.specialised import specialised
 
 RECORD = ecu_traffic.random_calibration(7)
 needs_gcc = pytest.mark.skipif(
@@ -55,8 +55,10 @@ def test_specialised_code_has_its_own():
     pytest.importorskip("capstone", reason="needs canroll[target]")
     special = specialised(built_in(), RECORD)
     found = rows(figures.table(RECORD, special, special))["code, bytes of flash"]
-    general = rows(figures.table(RECORD, built_in(), built_in()))["code, bytes of flash"]
-    assert found < general
+    flags = cortex.optimisation_of(special)
+    size = footprint(cortex.gcc_image("cortex-m4", special.files, optimisation=flags))
+    assert found == size.text
+    assert found != footprint(cortex.gcc_image("cortex-m4", special.files)).text
 
 
 @pytest.mark.slow

@@ -86,8 +86,8 @@ class Symbolic:
         """A function, or an intrinsic that limits its first argument."""
         if isinstance(ref, Function):
             return self.call(ref.module, ref.name, *arguments)
-        low, high = ref.limits(*arguments)
-        assert ref.name in ("clamp", "sat31"), ref.name
+        limits = {"clamp": arguments[1:], "sat31": (-(1 << 30), (1 << 30) - 1)}
+        low, high = limits[ref.name]
         return z3.If(arguments[0] > high, high, z3.If(arguments[0] < low, low, arguments[0]))
 
 

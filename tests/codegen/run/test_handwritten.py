@@ -9,7 +9,7 @@ import pytest
 from codegen.run import cortex, ecu_traffic, memory_image, native, qemu
 from codegen.run.bus_firmware import built_in
 from codegen.run.footprint import footprint
-from codegen.specialise.firmware import specialised
+from codegen.run.specialised import specialised
 from codegen.worst_case.cycles import Timing
 from codegen.worst_case.firmware_bound import cycle_costs
 from firmware.calibration import Calibration
@@ -29,9 +29,8 @@ LIMIT = 1.55
 """Generated to hand-written instructions: 1.46 for lqr, 1.49 for ay_feedforward, whose prediction
 costs another step of the model, by arm-none-eabi-gcc 12.2. The target of 1.1 is not met."""
 SPECIALISED_LIMIT = 1.0
-"""Specialised to hand-written, instructions and cycles: 0.86 and 0.73 for lqr."""
-CODE_LIMIT = 12_544
-"""Bytes of the specialised code on a Cortex-M4."""
+"""Cycles of a tick of the code for one calibration to hand-written by the same flags: 0.993 for
+lqr, 0.965 for ay_feedforward; and bytes of code: 0.98."""
 
 
 @pytest.fixture(scope="module")
@@ -83,18 +82,26 @@ def test_instructions_on_a_cortex_m4(handwritten, recording):
 
 
 @needs_qemu
-def test_specialised_it_is_cheaper_than_by_hand(handwritten, recording):
+def test_for_one_calibration_it_is_no_dearer_than_by_hand(handwritten, recording):
     special = specialised(built_in(), recording.calibration)
-    runs = []
+    runs, sizes = [], []
     for files in (special.files, handwritten.files()):
-        image = cortex.gcc_image("cortex-m4", files)
+        flags = cortex.optimisation_of(special)
+        image = cortex.gcc_image("cortex-m4", files, optimisation=flags)
         costs = cycle_costs(image, Timing("cortex-m4"))
-        runs.append(
-            qemu.replay(recording.calibration, recording.traffic, "cortex-m4", files, costs=costs)
+        run = qemu.replay(
+            recording.calibration,
+            recording.traffic,
+            "cortex-m4",
+            files,
+            firmware=special,
+            costs=costs,
         )
+        runs.append(run)
+        sizes.append(footprint(image).text)
     own, written = runs
     assert handwritten.differences(own.states, written.states) == []
     assert own.frames.tobytes() == written.frames.tobytes()
-    assert own.instructions.mean() <= SPECIALISED_LIMIT * written.instructions.mean()
     assert own.cycles.mean() <= SPECIALISED_LIMIT * written.cycles.mean()
-    assert footprint(cortex.gcc_image("cortex-m4", special.files)).text <= CODE_LIMIT
+    assert own.cycles.max() <= SPECIALISED_LIMIT * written.cycles.max()
+    assert sizes[0] <= SPECIALISED_LIMIT * sizes[1]

@@ -9,7 +9,7 @@ from codegen.run import cortex, ecu_traffic, qemu, unicorn
 from codegen.run.backends import open_backend
 from codegen.run.bus_firmware import of_bus
 from codegen.run.native import compiler
-from codegen.specialise.firmware import specialised
+from codegen.run.specialised import specialised
 from codegen.worst_case import firmware_bound as worst
 from codegen.worst_case.cycles import Timing
 from dbc import SECURED_MAP, SECURED_PATH

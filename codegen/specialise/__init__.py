@@ -1,1 +1,0 @@
-"""Partial evaluation of the firmware for one calibration, as another program of the subset."""
