@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command.
-#   scripts/long.sh [NAME ...]     tests worst_case benchmarks contract limit_cycles reproduce campaign
-#                                  rollover fuzz_firmware exchange
+#   scripts/long.sh [NAME ...]     tests worst_case benchmarks contract reproduce rollover fuzz_firmware exchange
 set -euo pipefail
 cd "$(dirname "$0")/.."
 scripts/setup-venv judges
@@ -23,7 +22,7 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
 }
 
 bound=(canroll timing --bound --ticks 100000)
-for name in "${@:-tests worst_case benchmarks contract limit_cycles reproduce campaign rollover fuzz_firmware exchange}"; do
+for name in "${@:-tests worst_case benchmarks contract reproduce rollover fuzz_firmware exchange}"; do
     for part in $name; do
         case $part in
             tests)
@@ -41,23 +40,13 @@ for name in "${@:-tests worst_case benchmarks contract limit_cycles reproduce ca
                 scripts/ratios docs/evidence/bench_*.txt ;;
             contract)
                 keep contract canroll design --compare --bus 500k --vehicle van_real --runs 200 ;;
-            limit_cycles)
-                for vehicle in van_real suv_2020; do
-                    for actuator in bars suspension; do
-                        keep "limit_cycles_${vehicle}_$actuator" \
-                            scripts/limit-cycles "$vehicle" "$actuator"
-                    done
-                done ;;
             reproduce) keep reproduce canroll reproduce ;;
-            campaign) keep campaign scripts/campaign-evidence 10000 ;;
             rollover) keep rollover canroll campaign examples/campaigns/fishhook.toml --runs 4096 ;;
             fuzz_firmware)
                 keep fuzz_firmware python -m tools.fuzz_firmware --inputs 10000000
                 keep fuzz_firmware_own_bus python -m tools.fuzz_firmware --inputs 1000000 \
                     --dbc examples/own_bus/own.dbc --map examples/own_bus/own.toml ;;
-            exchange)
-                keep exchange scripts/exchange-evidence
-                keep exchange_equality pytest -n 0 -v -m slow tests/canroll/extensions/exchange ;;
+            exchange) keep exchange_equality pytest -n 0 -v -m slow tests/canroll/extensions/exchange ;;
             *) echo "long: unknown part '$part'" >&2; exit 2 ;;
         esac
     done
