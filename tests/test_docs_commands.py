@@ -19,11 +19,15 @@ SECTIONS = {
 }
 
 
-def keys(command):
-    """Return the keys that the section of ``command`` has in tables of JSON, dots for depth."""
-    tables = re.findall(r"^\| key(?: of (\S+))? \|(.*?)\n\n", SECTIONS[command], re.M | re.S)
-    rows = [row for of, table in tables if of in ("", command) for row in table.splitlines()[2:]]
-    return {key for row in rows for key in re.findall(r"`(.+?)`", row.split(" | ")[0])}
+def keys(command, of=""):
+    """Return the keys that the section of ``command`` has in tables of JSON, dots for depth.
+
+    ``of``: what the tables are of; by default the command.
+    """
+    tables = re.findall(r"^\| key(?: of (?:a )?(\S+))? \|(.*?)\n\n", SECTIONS[command], re.M | re.S)
+    taken = [table for kind, table in tables if kind == (of or (kind and command))]
+    cells = [row.split(" | ")[0] for table in taken for row in table.splitlines()[2:]]
+    return {key for cell in cells for key in re.findall(r"`(.+?)`", cell)}
 
 
 def tops(paths):
@@ -41,15 +45,13 @@ ARGUMENTS = {
     "run": ["double_lane_change", "--duration", "1"],
     "campaign": ["--runs", "2", "--jobs", "1"],
     "severe": ["--runs", "2", "--law", "lqr"],
-    "limit": ["double_lane_change", "--plant", "roll1", "--from", "60", "--tolerance", "50"],
-    "understeer": ["--plant", "roll1"],
-    "response": ["--plant", "roll1"],
+    "handling": ["circle", "--plant", "roll1", "--law", "plain_feedforward"],
     "bus": [str(ROOT / "dbc" / "roll_control.dbc"), "--simulate", "1"],
     "prove": [],
     "timing": ["--duration", "0.1"],
     "hil": ["double_lane_change", "--duration", "1", "--pace", "lockstep"],
 }
-SLOW = ("campaign", "severe", "limit", "timing", "hil", "prove")
+SLOW = ("campaign", "severe", "handling", "timing", "hil", "prove")
 
 
 @pytest.mark.parametrize(
@@ -60,6 +62,7 @@ def test_keys_are_those_of_the_object(command, capsys):
     cli.main([command, *ARGUMENTS[command], "--json"])
     found = json.loads(capsys.readouterr().out)
     told = keys(command) | (keys("run") if command == "hil" else set())
+    told |= keys(command, "pair")
     assert tops(told) == set(found)
     for path in told:
         value = found
@@ -101,12 +104,18 @@ def test_keys_of_a_certificate(tmp_path, capsys, monkeypatch):
     assert set(re.findall(r"`(.+?)`", SECTIONS["certify"])) >= set(found) | nested
 
 
-def test_keys_of_a_linearisation(capsys):
-    assert cli.main(["response", "--linear", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    table = SECTIONS["response"].partition("| key of a linearisation |")[2]
-    cells = [row.split(" | ")[0] for row in table.splitlines()[2:] if row.startswith("|")]
-    assert {key for cell in cells for key in re.findall(r"`(.+?)`", cell)} == set(found)
+@pytest.mark.parametrize(
+    ("line", "of"),
+    [
+        ("response --linear", "linearisation"),
+        ("response --plant roll1", "response"),
+        ("limit double_lane_change --plant roll1 --from 60 --tolerance 50", "limit"),
+    ],
+)
+def test_keys_of_a_handling_test(line, of, capsys):
+    assert cli.main(["handling", *line.split(), "--json"]) == 0
+    found = set(json.loads(capsys.readouterr().out))
+    assert keys("handling", of) - {"controlled"} == found - {"controlled"}
 
 
 def test_keys_of_the_reproduction():

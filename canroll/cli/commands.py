@@ -23,9 +23,7 @@ COMMANDS: "Registry[Callable[[Parser], None]]" = Registry(
         "margins": "canroll.cli.design_parsers:margins",
         "prove": "canroll.cli.design_parsers:prove",
         "severe": "canroll.cli.run_parsers:severe",
-        "limit": "canroll.cli.run_parsers:limit",
-        "understeer": "canroll.cli.run_parsers:understeer",
-        "response": "canroll.cli.run_parsers:response",
+        "handling": "canroll.cli.run_parsers:handling",
         "bus": "canroll.cli.bus_parsers:bus",
         "hil": "canroll.cli.realtime_parsers:hil",
         "ecu": "canroll.cli.realtime_parsers:ecu",
@@ -41,13 +39,20 @@ COMMANDS: "Registry[Callable[[Parser], None]]" = Registry(
 TASKS: Mapping[str, tuple[str, ...]] = {
     "simulate": ("run", "compare", "sweep", "severe", "report"),
     "design": ("design", "margins", "prove"),
-    "characterise a vehicle": ("limit", "understeer", "response"),
+    "characterise a vehicle": ("handling",),
     "network": ("bus",),
     "hardware": ("hil", "ecu", "plant", "watch"),
     "export": ("export-c", "timing"),
     "names": ("list", "completion"),
 }
 """The commands by what they are for."""
+
+RENAMED: Mapping[str, str] = {
+    "limit": "handling limit SCENARIO",
+    "response": "handling response",
+    "understeer": "handling circle",
+}
+"""How commands are written now that version 0.1 called otherwise."""
 
 
 def grouped() -> Mapping[str, list[str]]:

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import sys
 from collections.abc import Iterable
 from typing import Any
 
@@ -9,10 +10,12 @@ from canroll.cli import terminal
 from canroll.cli.cases import driven
 from canroll.cli.options import DEFAULT_SCENARIO, VEHICLE_SET, choices_of, folder_of
 from canroll.errors import CanrollError
+from canroll.report.page import PageTable
 from canroll.report.run_folder import write_page
 from canroll.report.staging import page_folder
 from canroll.setup.choices import CHOICES
 from canroll.studies import comparison
+from canroll.studies import severe as severe_manoeuvres
 from canroll.studies.comparison_page import (
     apart,
     comparison_json,
@@ -115,4 +118,33 @@ def sweep(args: argparse.Namespace) -> int:
     notes = {name: run.result.warnings for name, (run, *_) in named.items()}
     terminal.show_warnings([f"{name}: {text}" for name, texts in notes.items() for text in texts])
     terminal.show_files(data.get("files", {}))
+    return 0
+
+
+def severe(args: argparse.Namespace) -> int:
+    """Drive the severe manoeuvres and print their table: Markdown where it is not a terminal."""
+    out = page_folder(args.out)
+    with driven(args, out) as cases:
+        answer = severe_manoeuvres.study(
+            runs=args.runs, spread=dict(args.spread), cases=cases, **choices_of(args)
+        )
+    data = write_page(out, "severe", {}, severe_manoeuvres.to_json(answer))
+    if answer.note:
+        print(f"note: {answer.note}", file=sys.stderr)
+    if args.json:
+        print(json.dumps(data))
+    else:
+        print(
+            f"{answer.vehicles['vehicle']}, {answer.actuator}, bus {answer.bus}, {answer.runs} "
+            f"vehicles, {answer.law} as designed, plain feedforward at its RMS moment of "
+            f"{answer.effort:.0f} N·m, bar: {answer.bar:g} times the roll stiffness"
+        )
+        if sys.stdout.isatty():
+            rows: list[tuple[str, ...]] = []
+            for title, name, *figures in severe_manoeuvres.lines(answer):
+                rows += [("",), (title,)] if title else []
+                rows.append((name, *figures))
+            terminal.show_table(PageTable("", ("", *severe_manoeuvres.HEAD[2:]), rows))
+        else:
+            print("\n".join(severe_manoeuvres.markdown(answer)))
     return 0

@@ -11,7 +11,7 @@ import traceback
 from collections.abc import Sequence
 from pkgutil import resolve_name
 
-from canroll.cli.commands import COMMANDS, grouped, parser_of
+from canroll.cli.commands import COMMANDS, RENAMED, grouped, parser_of
 from canroll.errors import EXTRAS, CanrollError, MissingExtraError, UnknownNameError, reason
 from canroll.runs import mdf
 
@@ -69,6 +69,8 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     name = arguments[0]
     if name.startswith("-"):
         raise UsageError(f"unknown option '{name}' (see 'canroll --help')")
+    if name in RENAMED:
+        raise UsageError(f"'{name}' is now 'canroll {RENAMED[name]}'")
     if name not in list(COMMANDS):  # nor a reference to code, which a registry takes
         raise UnknownNameError("command", name, COMMANDS)
     parser = parser_of(name)

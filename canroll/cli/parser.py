@@ -170,13 +170,18 @@ class Parser(argparse.ArgumentParser):
     def open_to(self, words: Sequence[str]) -> Collection[str]:
         """Return the options that a file may add to a command line.
 
-        What makes the command do more, and what needs that, is not added unless it is asked for.
+        What makes the command do more is added where that is asked for, and what needs something
+        where one of that is on the command line.
         """
-        written = {word.partition("=")[0] for word in words}
-        if not self.asked or any(self.spelt(name) in written for name in self.asked):
-            return self.options
-        more = {*self.asked, *(n for n, r in self.relations.items() if r.needs == self.asked)}
-        return self.options - {self.spelt(name) for name in more}
+        written = {part for word in words for part in word.split("=")}
+
+        def asked(conditions: Sequence[str]) -> bool:
+            pairs = (each.partition("=") for each in conditions)
+            return any((value or self.spelt(name)) in written for name, _, value in pairs)
+
+        closed = {n for n, r in self.relations.items() if r.needs and not asked(r.needs)}
+        closed.update(() if asked(self.asked) else self.asked)
+        return self.options - {self.spelt(name) for name in closed}
 
     def _check_value(self, action: argparse.Action, value: object) -> None:
         """Refuse a name that is not among the choices, with the nearest that is."""

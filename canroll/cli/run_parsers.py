@@ -22,16 +22,17 @@ DEFAULT_SPEEDS = "60:120:20"
 LOADS = ("laden", "empty")
 CONTROL = ("law", "calibration")
 """Choices of which one adds the controlled vehicle to a handling test."""
-WITHOUT_EFFECT = ("vehicle", "plant", "speed_kmh", "options", "faults", "fault_file")
-"""Choices of a run that a handling test makes itself, has already, or does without."""
+OF_A_LIMIT = ("options", "faults", "fault_file")
+"""Choices of a run that circle and response make themselves, or do without."""
 AT_ANY_SPEED = [name for name in OF_A_RUN if name != "speed_kmh"]
-OF_THE_CONTROLLED = [name for name in OF_A_RUN if name not in {*CONTROL, *WITHOUT_EFFECT}]
-CONTROLLED = (
-    choices((*CONTROL, *OF_THE_CONTROLLED), defaults={"law": None}),
-    related(Relations(needs=CONTROL, why="--law or --calibration"), *OF_THE_CONTROLLED),
+OF_THE_CONTROLLED = [
+    name for name in AT_ANY_SPEED if name not in ("vehicle", "plant", *CONTROL, *OF_A_LIMIT)
+]
+CIRCLE, RESPONSE, LIMIT = (
+    {"needs": (f"what={test}",), "why": f"canroll handling {test}"}
+    for test in ("circle", "response", "limit")
 )
-"""Options of the controlled vehicle, which is driven if a law or calibration is given."""
-LINEAR = ("linear",)
+PICTURE = "response.png"
 
 
 def run(parser: Parser) -> None:
@@ -90,64 +91,47 @@ def report(parser: Parser) -> None:
     )
 
 
-def limit(parser: Parser) -> None:
-    """Highest speed at which a manoeuvre passes."""
-    parser.handler = "canroll.cli.vehicle_tests:limit"
+def handling(parser: Parser) -> None:
+    """Understeer, frequency response and limit of a vehicle, without and with control."""
+    parser.asked = (*CONTROL, "what=limit")
     parser.take(
-        "Bisect the entry speed for the highest at which the manoeuvre's criteria are met, without "
-        "and with control: no two wheels of a side two inches off the road, no cone hit, the yaw "
-        "rate decayed, as required by its standard.",
-        scenario_named(),
-        choices(AT_ANY_SPEED),
-        opt("--from", float, "KMH", None, 30.0, dest="low"),
-        opt("--to", float, "KMH", "default: fastest", dest="high"),
-        opt("--tolerance", float, "KMH", "final bracket (default: 0.5)", 0.5),
-        JSON,
-    )
-
-
-def understeer(parser: Parser) -> None:
-    """Understeer and roll gradient on a circle (ISO 4138)."""
-    parser.handler = "canroll.cli.vehicle_tests:understeer"
-    parser.asked = CONTROL
-    parser.take(
-        "Drive a circle at increasing speed; steering, roll and sideslip of each steady turn, and "
-        "the gradients of their linear part. With --law or --calibration without and with control.",
-        choices(("vehicle", "plant")),
-        *CONTROLLED,
-        opt("--radius", float, "M", "default: 100", 100.0),
-        JSON,
-    )
-
-
-def response(parser: Parser) -> None:
-    """Yaw and roll frequency response to steering (ISO 7401)."""
-    parser.handler = "canroll.cli.vehicle_tests:response"
-    parser.asked = CONTROL
-    parser.take(
-        "Steer in sines of rising frequency; yaw rate, lateral acceleration and roll angle per "
-        "steering-wheel angle. With --law or --calibration without and with control. With "
-        "--linear: the plant linearised about straight running or a steady curve, its modes, its "
-        "responses to moment and steering, and its distance to the design model.",
-        choices(("vehicle", "plant")),
-        *CONTROLLED,
+        "circle: drive a circle at increasing speed (ISO 4138): steering, roll and sideslip of "
+        "each steady turn, and the gradients of their linear part. "
+        "response: steer in sines of rising frequency (ISO 7401): yaw rate, lateral acceleration "
+        "and roll angle per steering-wheel angle; with --linear the plant linearised about "
+        "straight running or a steady curve: its modes, its responses to moment and steering, and "
+        "its distance to the design model. "
+        "limit: bisect the entry speed for the highest at which the criteria of a manoeuvre's "
+        "standard are met: no two wheels of a side two inches off the road, no cone hit, the yaw "
+        "rate decayed. Circle and response drive with control where --law or --calibration is "
+        "given, limit always.",
+        opt("what", ("circle", "response", "limit"), "TEST", "circle, response or limit"),
+        opt("scenario", scenario, None, "of limit: the manoeuvre", nargs="?"),
+        choices(("vehicle", "plant", *CONTROL, *OF_THE_CONTROLLED, *OF_A_LIMIT),
+                defaults={"law": None}),
+        related(Relations(needs=(*CONTROL, "what=limit"), why="--law or --calibration"),
+                *OF_THE_CONTROLLED),
+        related(Relations(**LIMIT), *OF_A_LIMIT),
         related(Relations(excludes={"linear": "--linear drives nothing"}), *CONTROL),
-        opt("--speed", float, "KMH", "default: 100", 100.0),
-        opt("--load", LOADS, None, "laden or empty (default: %(default)s)", LOADS[0]),
-        flag("--linear", "linearise instead of steering"),
+        opt("--radius", float, "M", "of the circle (default: 100)", 100.0, **CIRCLE),
+        opt("--speed", float, "KMH", "default: 100", 100.0, **RESPONSE),
+        opt("--load", LOADS, None, "laden or empty (default: %(default)s)", LOADS[0], **RESPONSE),
+        flag("--linear", "linearise instead of steering", **RESPONSE),
         opt("--lateral-acceleration", float, "M/S2", "with --linear: that of the steady curve "
-            "(default: 0, straight ahead)", needs=LINEAR),
+            "(default: 0, straight ahead)", needs=("linear",)),
         opt("--friction", float, "MU", "with --linear: that of the road (default: 1)",
-            needs=LINEAR),
-        opt("--out", path_named, "DIR", "with --linear, --law or --calibration: write response.png "
-            "there", needs=(*LINEAR, *CONTROL), why="--linear, --law or --calibration"),
+            needs=("linear",)),
+        opt("--out", path_named, "DIR", f"write {PICTURE} there", **RESPONSE),
+        opt("--from", float, "KMH", "lowest speed (default: 30)", 30.0, dest="low", **LIMIT),
+        opt("--to", float, "KMH", "highest speed (default: fastest)", dest="high", **LIMIT),
+        opt("--tolerance", float, "KMH", "final bracket (default: 0.5)", 0.5, **LIMIT),
         JSON,
     )  # fmt: skip
 
 
 def severe(parser: Parser) -> None:
     """Severe manoeuvres over a population of vehicles."""
-    parser.handler = "canroll.cli.vehicle_tests:severe"
+    parser.handler = "canroll.cli.compare:severe"
     parser.take(
         "Drive lane changes, fishhook, J-turn, sine with dwell and one-sided bumps with a "
         "population of vehicles: without control, with the best passive bar, with the plain "

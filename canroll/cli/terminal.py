@@ -1,11 +1,13 @@
 """Terminal output of any command: progress, verdict, warnings, tables, files."""
 
+import json
 import sys
 import time
+from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import ParamSpec
+from typing import Any, ParamSpec
 
 import rich.table
 from rich.cells import cell_len
@@ -92,6 +94,63 @@ def columns(
     for text in texts:
         table.add_row(*text)
     return table
+
+
+Part = str | Text | PageTable
+"""What is printed: a line or several, a verdict or warning, a table."""
+
+
+def emit(args: Namespace, data: Any, parts: Iterable[Part], *, good: bool = True) -> int:  # noqa: ANN401
+    """Print the answer of a command, and return its exit code.
+
+    Args:
+        args: of the command line.
+        data: the answer; it is what ``--json`` prints.
+        parts: the answer for people; made where it is printed.
+        good: whether all that was judged is good.
+    """
+    if args.json:
+        print(json.dumps(data))
+    else:
+        show(parts)
+    return 0 if good else 1
+
+
+def show(parts: Iterable[Part]) -> None:
+    """Print parts, one below the other."""
+    console = Console(highlight=False)
+    for part in parts:
+        if isinstance(part, str):
+            print(part)
+        elif isinstance(part, Text):
+            console.print(part, soft_wrap=True)
+        else:
+            console.print(columns(console, part.head, part.rows))
+
+
+def verdict(text: str, *, good: bool | None) -> Text:
+    """Return the answer in one line: good, bad, or neither."""
+    return Text(text, style={True: "green", False: "red", None: "yellow"}[good])
+
+
+def titled(table: PageTable) -> tuple[Part, ...]:
+    """Return a table below its title, after an empty line."""
+    return f"\n{table.title}", table
+
+
+def warnings(texts: Iterable[str]) -> Iterator[Text]:
+    """Yield warnings, one line each."""
+    for text in texts:
+        yield Text.assemble(("warning:", "yellow"), f" {text}")
+
+
+def files(written: Mapping[str, str]) -> Iterator[str]:
+    """Yield the written files, a line for each folder."""
+    folders: dict[Path, list[str]] = {}
+    for path in map(Path, written.values()):
+        folders.setdefault(path.parent, []).append(path.name)
+    for folder, names in folders.items():
+        yield f"written to {folder}: {', '.join(names)}"
 
 
 def show_verdict(text: str, *, good: bool | None) -> None:

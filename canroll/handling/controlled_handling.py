@@ -62,11 +62,20 @@ class Control:
 
 @dataclass(frozen=True, slots=True)
 class Pair(Generic[Test]):
-    """One test without and with control; ``control`` of each manoeuvre driven with it, in order."""
+    """One test without control, and with it unless there is none.
+
+    ``control``: of each manoeuvre driven with it, in order.
+    """
 
     passive: Test
-    controlled: Test
-    control: tuple[Control, ...]
+    controlled: Test | None = None
+    control: tuple[Control, ...] = ()
+
+    @property
+    def runs(self) -> dict[str, Test]:
+        """The results by their names."""
+        with_it = {} if self.controlled is None else {"controlled": self.controlled}
+        return {"passive": self.passive, **with_it}
 
 
 def compared(

@@ -150,7 +150,7 @@ def excitation(vehicle: Vehicle, name: str) -> Vector:
 
 
 def to_json(linear: LinearResponse) -> dict[str, Any]:
-    """Return the object of ``canroll response --linear --json`` without the request."""
+    """Return the object of ``canroll handling response --linear --json`` without the request."""
     trim = linear.trim
     answer: dict[str, Any] = {
         "steer_deg": float(np.degrees(trim.inputs[ports.STEER])),

@@ -1,25 +1,24 @@
-"""A linearised plant as tables and as a figure."""
+"""A linearised plant as tables, and as panels of a figure."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.errors import writing
 from canroll.handling.linear_response import (
     EXCITATIONS,
     FREQUENCIES,
     MEASURED,
     LinearResponse,
 )
+from canroll.handling.response_figure import Panel
 from canroll.report.page import PageTable
+from canroll.typing import Vector
 from plant_sim.bodies import ports
 
 SHOWN_EVERY = 8
 """Every how many frequencies the printed tables have a row."""
 
-Vector = NDArray[np.float64]
 NAMES = {
     "roll_rate": "roll rate",
     "roll": "roll",
@@ -106,37 +105,21 @@ def _scaled(response: NDArray[np.complex128], per: float, unit: str) -> tuple[Ve
     return (np.degrees(gain) if "°" in unit else gain), phase
 
 
-def draw(answer: LinearResponse, where: str, path: Path) -> None:
-    """Write gains and phases of the plant, and dashed of the design model, as a PNG.
-
-    Raises:
-        CanrollError: the file cannot be written.
-    """
-    import matplotlib.figure  # noqa: PLC0415 - half a second that only a figure needs
-
-    with matplotlib.rc_context({"font.size": 8, "axes.grid": True, "grid.alpha": 0.3}):
-        figure = matplotlib.figure.Figure(figsize=(16, 10), layout="constrained")
-        axes = figure.subplots(4, len(MEASURED), sharex=True)
-        for i, name in enumerate(EXCITATIONS):
-            per, unit, units = UNITS[name]
-            runs: dict[str, tuple[str, Mapping[str, NDArray[np.complex128]]]] = {
-                "plant": ("-", answer.plant[name])
-            }
-            if answer.design is not None:
-                runs["design model"] = ("--", answer.design[name])
-            for j, key in enumerate(MEASURED):
-                gains, phases = axes[2 * i, j], axes[2 * i + 1, j]
-                for label, (style, responses) in runs.items():
-                    gain, phase = _scaled(responses[key], unit, units[j])
-                    gains.plot(FREQUENCIES, gain, style, label=label)
-                    phases.plot(FREQUENCIES, phase, style)
-                gains.set(xscale="log", ylim=(0.0, None), ylabel=f"{units[j]} {per}")
-                gains.set_title(f"{name} → {NAMES[key]}")
-                phases.set_ylabel("phase (°)")
-        for axis in axes[-1]:
-            axis.set_xlabel("frequency (Hz)")
-        axes[0, 0].legend()
-        figure.suptitle(where)
-        with writing(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(path, dpi=90, metadata={"Software": None})
+def panels(answer: LinearResponse) -> list[list[Panel]]:
+    """Return the responses of the plant, and dashed those of the design model, to be drawn."""
+    both = {"plant": ("-", answer.plant), "design model": ("--", answer.design)}
+    return [
+        [
+            Panel(
+                f"{name} → {NAMES[key]}",
+                f"{unit} {per}",
+                {
+                    label: (style, *_scaled(responses[name][key], factor, unit))
+                    for label, (style, responses) in both.items()
+                    if responses is not None
+                },
+            )
+            for key, unit in zip(MEASURED, units, strict=True)
+        ]
+        for name, (per, factor, units) in ((name, UNITS[name]) for name in EXCITATIONS)
+    ]

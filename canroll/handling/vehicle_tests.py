@@ -44,9 +44,26 @@ def understeer(vehicle: NAMED, *, radius: float = 100.0, plant: str = "nonlinear
         CanrollError: an unknown vehicle or plant, or a radius below 20 m.
         VerdictError: the car does not reach a steady turn.
     """
+    car, drive = alone(vehicle, plant)
+    return handling.constant_radius(car, drive, radius=radius)
+
+
+def alone(vehicle: NAMED, plant: str, load: str = LOADS[0]) -> tuple[Vehicle, handling.Drive]:
+    """Return a vehicle with its load, and how it is driven without control.
+
+    Raises:
+        CanrollError: an unknown vehicle, plant or load.
+    """
+    if load not in LOADS:
+        raise UnknownNameError("load", load, LOADS)
     body = bodies.own_body(plant, "a test of vehicles")
-    car = vehicles.load(vehicle)
-    return handling.constant_radius(car, handling.passive(car, body), radius=radius)
+    car = loaded(vehicles.load(vehicle), load)
+    return car, handling.passive(car, body)
+
+
+def loaded(vehicle: Vehicle, load: str) -> Vehicle:
+    """Return a vehicle with one of :data:`LOADS`."""
+    return unladen(vehicle) if load == "empty" else vehicle
 
 
 @checked
@@ -75,17 +92,9 @@ def response(
         VerdictError: the car rolls over.
     """
     check_speed(speed_kmh)
-    if load not in LOADS:
-        raise UnknownNameError("load", load, LOADS)
-    body = bodies.own_body(plant, "a test of vehicles")
-    car = vehicles.load(vehicle)
-    if load == "empty":
-        car = unladen(car)
+    car, drive = alone(vehicle, plant, load)
     return handling.frequency_response(
-        car,
-        handling.passive(car, body),
-        speed=speed_kmh / 3.6,
-        lateral_acceleration=lateral_acceleration,
+        car, drive, speed=speed_kmh / 3.6, lateral_acceleration=lateral_acceleration
     )
 
 
@@ -150,7 +159,7 @@ class ManoeuvreLimit:
         return f"<{self.settings.scenario}, {self.settings.vehicle_name}: {limits}>"
 
     def to_json(self) -> dict[str, Any]:
-        """Return the object printed by ``canroll limit --json``."""
+        """Return the object printed by ``canroll handling limit --json``."""
         settings = self.settings
         return {
             "scenario": settings.scenario,

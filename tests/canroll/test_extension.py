@@ -307,10 +307,10 @@ def test_listing_loads_nothing_heavy():
 def test_limit_takes_a_body_a_law_and_a_bus_of_a_file(folder, capsys):
     arguments = ["--plant", "plants.py:BODY", "--bus", "bus.py:GOOD", "--law", "law.py:good"]
     speeds = ["--from", "40", "--to", "70", "--tolerance", "30"]
-    assert main(["limit", "moose", *arguments, *speeds, "--json"]) == 0
+    assert main(["handling", "limit", "moose", *arguments, *speeds, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["plant"], found["law"]) == ("plants.py:BODY", "law.py:good")
-    assert main(["limit", "moose", *speeds, "--plant", "plants.py:NOTHING"]) == 2
+    assert main(["handling", "limit", "moose", *speeds, "--plant", "plants.py:NOTHING"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
 
 

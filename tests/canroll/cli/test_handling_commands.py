@@ -1,4 +1,4 @@
-"""The commands that measure the vehicle: limit, understeer, response."""
+"""The command that tests a vehicle: circle, response, limit."""
 
 import json
 from math import radians
@@ -10,22 +10,25 @@ from canroll.cli.main import main
 
 
 def answer(capsys, *arguments):
-    assert main([*arguments, "--json"]) == 0
+    assert main(["handling", *arguments, "--json"]) == 0
     return json.loads(capsys.readouterr().out)
 
 
 def test_understeer_prints_the_gradients(capsys):
-    result = answer(capsys, "understeer", "--vehicle", "suv_2020", "--plant", "roll1")
-    assert result["gradient"] == pytest.approx(result["closed_form"], rel=0.01)
-    assert main(["understeer", "--plant", "roll1"]) == 0
+    result = answer(capsys, "circle", "--vehicle", "suv_2020", "--plant", "roll1")
+    passive = result["passive"]
+    assert passive["gradient"] == pytest.approx(passive["closed_form"], rel=0.01)
+    assert "controlled" not in result
+    assert main(["handling", "circle", "--plant", "roll1"]) == 0
     assert "understeer gradient" in capsys.readouterr().out
 
 
 def test_response_prints_gains_and_phases(capsys):
     result = answer(capsys, "response", "--plant", "roll1", "--speed", "80")
-    assert len(result["frequency_hz"]) == len(result["yaw_rate"]["gain"])
-    assert result["roll"]["phase_deg"][-1] < result["roll"]["phase_deg"][0] < 0
-    assert main(["response", "--plant", "roll1"]) == 0
+    passive = result["passive"]
+    assert len(result["frequency_hz"]) == len(passive["yaw_rate"]["gain"])
+    assert passive["roll"]["phase_deg"][-1] < passive["roll"]["phase_deg"][0] < 0
+    assert main(["handling", "response", "--plant", "roll1"]) == 0
     assert "per steering-wheel angle" in capsys.readouterr().out
 
 
@@ -34,13 +37,15 @@ CONTROLLED = ["--plant", "roll1", "--law", "plain_feedforward"]
 
 @pytest.mark.slow
 def test_understeer_shows_both_vehicles(capsys):
-    alone = answer(capsys, "understeer", "--plant", "roll1")
-    both = answer(capsys, "understeer", *CONTROLLED)
-    assert both["passive"] | alone == both["passive"] | {"vehicle": "van_real", "plant": "roll1"}
+    alone = answer(capsys, "circle", "--plant", "roll1")
+    both = answer(capsys, "circle", *CONTROLLED)
+    assert both | alone == both
     assert both["controlled"]["roll_gradient"] < 0.9 * both["passive"]["roll_gradient"]
     # the wheelbase over twice the steering of a slow turn, from the gradient per g
     speed, wheelbase = both["passive"]["characteristic_speed"], 3.66
-    assert radians(alone["gradient"]) / 9.81 * speed**2 == pytest.approx(wheelbase, rel=0.01)
+    assert radians(alone["passive"]["gradient"]) / 9.81 * speed**2 == pytest.approx(
+        wheelbase, rel=0.01
+    )
     assert both["law"] == "plain_feedforward" and both["command_limit"] > 0
     last = both["control"][-1]
     assert last["at_limit"] == 1.0
@@ -50,7 +55,7 @@ def test_understeer_shows_both_vehicles(capsys):
 @pytest.mark.slow
 def test_the_controlled_understeer_names_where_control_ends(capsys):
     full = ["--law", "steering_lead", "--moment-share", "1"]
-    assert main(["understeer", "--plant", "roll1", *full]) == 0
+    assert main(["handling", "circle", "--plant", "roll1", *full]) == 0
     text = capsys.readouterr().out
     for part in (
         "characteristic speed",
@@ -64,8 +69,7 @@ def test_the_controlled_understeer_names_where_control_ends(capsys):
 def test_response_shows_both_vehicles_and_draws_them(capsys, tmp_path):
     alone = answer(capsys, "response", "--plant", "roll1")
     both = answer(capsys, "response", *CONTROLLED, "--out", str(tmp_path))
-    for name in ("yaw_rate", "lateral_acceleration", "roll"):
-        assert both["passive"][name] | alone[name] == both["passive"][name]
+    assert both | alone == both
     assert both["controlled"]["roll"]["peak"] < both["passive"]["roll"]["peak"]
     assert both["passive"]["roll"]["peak"] == max(both["passive"]["roll"]["gain"])
     assert len(both["control"]) == len(both["frequency_hz"])
@@ -77,7 +81,7 @@ LINEAR = ["response", "--linear", "--speed", "80"]
 
 @pytest.mark.slow
 def test_linear_response_prints_modes_responses_and_the_distance(capsys, tmp_path):
-    assert main([*LINEAR, "--out", str(tmp_path)]) == 0
+    assert main(["handling", *LINEAR, "--out", str(tmp_path)]) == 0
     text = capsys.readouterr().out
     for part in ("rear axle tramp", "moment, per kN·m", "distance to the design model"):
         assert part in text
@@ -105,33 +109,35 @@ def test_limit_of_the_fishhook_rises_with_control(capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("line", "message"),
     [
-        (["limit", "fishhok"], "did you mean 'fishhook'"),
-        (["limit", "fishhook", "--from", "90", "--to", "50"], "--from must lie below --to"),
-        (["limit", "fishhook", "--speed", "60"], "does not take --speed 60"),
-        (["limit", "fishhook", "--tolerance", "0"], "tolerance"),
-        (["understeer", "--vehicle", "vna_real"], "did you mean 'van_real'"),
-        (["understeer", "--radius", "3"], "--radius must be at least 20 m"),
-        (["response", "--speed", "-5"], "20 to 200 km/h"),
-        (["response", "--plant", "nonliner"], "did you mean 'nonlinear'"),
-        (["response", "--friction", "0.5"], "--friction: it belongs to --linear"),
-        (["response", "--out", "there"], "--out: it belongs to --linear"),
-        (["understeer", "--bus", "500k"], "--bus: it belongs to --law or --calibration"),
-        (["understeer", "--law", "passive"], "--law passive has no control"),
-        (["understeer", "--law", "lqrr"], "did you mean 'lqr'"),
-        (["response", "--law", "lqr", "--set", "friction=0.5"], "does not take --set"),
-        ([*LINEAR, "--law", "lqr"], "--law: --linear drives nothing"),
-        (["response", "--calibration", "there.toml"], "there.toml"),
-        (["response", "--load", "half"], "choose from"),
-        ([*LINEAR, "--friction", "0.5"], "--friction 0.5 has no effect"),
-        ([*LINEAR, "--friction", "nan"], "must be 0.05 to 1.5"),
-        ([*LINEAR, "--lateral-acceleration", "-1"], "must be 0 to 12 m/s²"),
-        ([*LINEAR, "--lateral-acceleration", "11"], "no steady curve of 11 m/s² on four wheels"),
-        ([*LINEAR, "--out", "/proc/there"], "cannot write /proc/there/response.png"),
+        ("limit fishhok", "did you mean 'fishhook'"),
+        ("limit fishhook --from 90 --to 50", "--from must lie below --to"),
+        ("limit fishhook --speed 60", "--speed: it belongs to canroll handling response"),
+        ("limit fishhook --tolerance 0", "tolerance"),
+        ("limit", "limit needs a manoeuvre: canroll handling limit SCENARIO"),
+        ("circle moose", "moose: canroll handling circle drives its own manoeuvre"),
+        ("circle --vehicle vna_real", "did you mean 'van_real'"),
+        ("circle --radius 3", "--radius must be at least 20 m"),
+        ("circle --out there", "--out: it belongs to canroll handling response"),
+        ("circle --bus 500k", "--bus: it belongs to --law or --calibration"),
+        ("circle --law passive", "--law passive has no control"),
+        ("circle --law lqrr", "did you mean 'lqr'"),
+        ("response --speed -5", "20 to 200 km/h"),
+        ("response --plant nonliner", "did you mean 'nonlinear'"),
+        ("response --friction 0.5", "--friction: it belongs to --linear"),
+        ("response --law lqr --set friction=0.5", "--set: it belongs to canroll handling limit"),
+        ("response --calibration there.toml", "there.toml"),
+        ("response --load half", "choose from"),
+        ("response --linear --law lqr", "--law: --linear drives nothing"),
+        ("response --linear --speed 80 --friction 0.5", "--friction 0.5 has no effect"),
+        ("response --linear --friction nan", "must be 0.05 to 1.5"),
+        ("response --linear --lateral-acceleration -1", "must be 0 to 12 m/s²"),
+        ("response --linear --speed 80 --lateral-acceleration 11", "no steady curve of 11 m/s²"),
+        ("response --linear --out /proc/there", "cannot write /proc/there/response.png"),
     ],
 )
-def test_wrong_use_is_one_line_and_exit_code_2(capsys, arguments, message):
-    assert main(arguments) == 2
+def test_wrong_use_is_one_line_and_exit_code_2(capsys, line, message):
+    assert main(["handling", *line.split()]) == 2
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1

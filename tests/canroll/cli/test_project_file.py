@@ -30,16 +30,24 @@ def test_a_command_takes_the_options_of_the_file(folder, capsys):
 
 def test_a_command_takes_what_it_knows(folder, capsys):
     written(folder, 'vehicle = "suv_2020"\nlaw = "lqr"\n')
-    assert parse(["understeer"]).vehicle == "suv_2020"
+    assert parse(["handling", "circle"]).vehicle == "suv_2020"
     assert "--law" not in capsys.readouterr().err
     assert parse(["list", "laws"]).kind == "laws"
 
 
 def test_a_handling_test_takes_control_from_the_file_where_it_is_asked_for(folder, capsys):
     written(folder, 'vehicle = "suv_2020"\nlaw = "lqr"\nbus = "gateway_20ms"\n')
-    assert parse(["response", "--linear"]).law is None
-    args = parse(["response", "--law", "hinf_delay"])
+    assert parse(["handling", "response", "--linear"]).law is None
+    args = parse(["handling", "response", "--law", "hinf_delay"])
     assert (args.law, args.bus) == ("hinf_delay", "gateway_20ms")
+    assert parse(["handling", "limit", "moose"]).law == "lqr"
+
+
+def test_what_belongs_to_another_option_is_not_taken(folder):
+    written(folder, 'plant = "roll1"\nset = {friction = 0.7}\n')
+    assert parse(["design"]).plant is None
+    assert parse(["handling", "circle"]).options is None
+    assert parse(["handling", "limit", "moose"]).options == [("friction", "0.7")]
 
 
 def test_a_calibration_fixes_what_the_file_says(folder):

@@ -138,7 +138,7 @@ def test_an_export_says_where_the_vehicle_has_changed(camper, capsys, monkeypatc
 
 
 def test_a_search_names_both_vehicles(capsys):
-    words = ["limit", "fishhook", "--law", "passive", "--plant-vehicle", "suv_2020"]
+    words = ["handling", "limit", "fishhook", "--law", "passive", "--plant-vehicle", "suv_2020"]
     main([*words, "--from", "60", "--to", "62", "--tolerance", "2", "--json"])
     answer = json.loads(capsys.readouterr().out)
     assert (answer["vehicle"], answer["plant_vehicle"]) == ("van_real", "suv_2020")
