@@ -9,7 +9,7 @@ The public interface in one place; heavy modules are imported on first use:
 * :func:`margins` verifies a calibration again,
 * :func:`plot` draws a run,
 * :func:`drive` steps a car and its ECU, for code of your own in the loop,
-* :func:`compare`, :func:`sweep`, :func:`campaign` and :func:`severe` drive many runs,
+* :func:`compare`, :func:`campaign` and :func:`severe` drive many runs,
 * :func:`understeer`, :func:`response` and :func:`limit` test a vehicle,
 * :func:`fit` finds its numbers from a measured drive, :func:`validate` judges them by another,
 * :func:`bus` computes response times and delays of a network, traffic set or log.
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from canroll.runs.experiment import run
     from canroll.runs.result import Result
     from canroll.stepping import drive
-    from canroll.studies.comparison import compare, sweep
+    from canroll.studies.comparison import compare
     from canroll.studies.severe import study as severe
     from canroll.table import Table
     from gain_gen.calibration.calibration_file import load as load_calibration
@@ -61,7 +61,6 @@ __all__ = [
     "response",
     "run",
     "severe",
-    "sweep",
     "understeer",
 ]
 
@@ -87,7 +86,6 @@ _NAMES: "Registry[Any]" = Registry(
         "response": "canroll.handling.vehicle_tests:response",
         "run": "canroll.runs.experiment:run",
         "severe": "canroll.studies.severe:study",
-        "sweep": "canroll.studies.comparison:sweep",
         "understeer": "canroll.handling.vehicle_tests:understeer",
     },
 )

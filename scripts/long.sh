@@ -39,7 +39,7 @@ for name in "${@:-tests worst_case benchmarks contract reproduce rollover fuzz_f
                 done
                 scripts/ratios docs/evidence/bench_*.txt ;;
             contract)
-                keep contract canroll design --compare --bus 500k --vehicle van_real --runs 200 ;;
+                keep contract canroll compare --bus 500k --vehicle van_real --runs 200 ;;
             reproduce) keep reproduce canroll reproduce ;;
             rollover) keep rollover canroll campaign examples/campaigns/fishhook.toml --runs 4096 ;;
             fuzz_firmware)

@@ -44,14 +44,13 @@ def test_every_command_has_its_exit_code():
 ARGUMENTS = {
     "run": ["double_lane_change", "--duration", "1"],
     "campaign": ["--runs", "2", "--jobs", "1"],
-    "severe": ["--runs", "2", "--law", "lqr"],
     "handling": ["circle", "--plant", "roll1", "--law", "plain_feedforward"],
     "bus": [str(ROOT / "dbc" / "roll_control.dbc"), "--simulate", "1"],
     "prove": [],
     "timing": ["--duration", "0.1"],
     "hil": ["double_lane_change", "--duration", "1", "--pace", "lockstep"],
 }
-SLOW = ("campaign", "severe", "handling", "timing", "hil", "prove")
+SLOW = ("campaign", "handling", "timing", "hil", "prove")
 
 
 @pytest.mark.parametrize(
@@ -116,6 +115,19 @@ def test_keys_of_a_handling_test(line, of, capsys):
     assert cli.main(["handling", *line.split(), "--json"]) == 0
     found = set(json.loads(capsys.readouterr().out))
     assert keys("handling", of) - {"controlled"} == found - {"controlled"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("line", "of"),
+    [
+        ("--runs 2 --vehicle van_2021 --plant roll1 --only 0", "population"),
+        ("--scenario severe --runs 2 --law lqr --only 0", "severe"),
+    ],
+)
+def test_keys_of_a_population(line, of, capsys):
+    assert cli.main(["compare", *line.split(), "--json"]) == 0
+    assert keys("compare", of) >= set(json.loads(capsys.readouterr().out))
 
 
 def test_keys_of_the_reproduction():

@@ -56,7 +56,7 @@ CASES: dict[str, tuple[str, ...]] = {
     "design": ("design", "--out", "out", "--json"),
     "design-lqr": ("design", "--law", "lqr", "--actuator", "suspension", "--out", "out"),
     "compare": ("compare", "lqr", "hinf", "--duration", "4", "--json"),
-    "sweep": ("sweep", "double_lane_change", "--speed", "60:80:20", "--json"),
+    "sweep": ("compare", "steering_lead", "--speed", "60:80:20", "--json"),
     "limit": (
         *("handling", "limit", "fishhook", "--from", "60", "--to", "90", "--tolerance", "10"),
         "--json",
@@ -75,7 +75,7 @@ CASES: dict[str, tuple[str, ...]] = {
     "export-plant": ("export-fmu", "plant", "out.fmu"),
     "export-bus": ("export-fmu", "bus", "out.fmu"),
     "campaign": ("campaign", "double_lane_change", "--runs", "4", "--out", "out", "--json"),
-    "severe": ("severe", "--runs", "2", "--json"),
+    "severe": ("compare", "--scenario", "severe", "--runs", "2", "--json"),
     "list": ("list", "laws"),
     "list-all": tuple(w for kind in KINDS for w in (THEN, "list", kind, "--json"))[1:],
     "completion": ("completion", "bash"),

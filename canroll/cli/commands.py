@@ -17,12 +17,10 @@ COMMANDS: "Registry[Callable[[Parser], None]]" = Registry(
     {
         "run": "canroll.cli.run_parsers:run",
         "compare": "canroll.cli.run_parsers:compare",
-        "sweep": "canroll.cli.run_parsers:sweep",
         "report": "canroll.cli.run_parsers:report",
         "design": "canroll.cli.design_parsers:design",
         "margins": "canroll.cli.design_parsers:margins",
         "prove": "canroll.cli.design_parsers:prove",
-        "severe": "canroll.cli.run_parsers:severe",
         "handling": "canroll.cli.run_parsers:handling",
         "bus": "canroll.cli.bus_parsers:bus",
         "hil": "canroll.cli.realtime_parsers:hil",
@@ -37,7 +35,7 @@ COMMANDS: "Registry[Callable[[Parser], None]]" = Registry(
 )
 """What adds a command's options to its parser, by the command's name."""
 TASKS: Mapping[str, tuple[str, ...]] = {
-    "simulate": ("run", "compare", "sweep", "severe", "report"),
+    "simulate": ("run", "compare", "report"),
     "design": ("design", "margins", "prove"),
     "characterise a vehicle": ("handling",),
     "network": ("bus",),
@@ -48,8 +46,11 @@ TASKS: Mapping[str, tuple[str, ...]] = {
 """The commands by what they are for."""
 
 RENAMED: Mapping[str, str] = {
+    "design --runs": "compare --runs N",
     "limit": "handling limit SCENARIO",
     "response": "handling response",
+    "severe": "compare --scenario severe --runs N",
+    "sweep": "compare --speed FROM:TO:STEP",
     "understeer": "handling circle",
 }
 """How commands are written now that version 0.1 called otherwise."""

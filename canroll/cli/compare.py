@@ -1,21 +1,21 @@
-"""``canroll compare`` and ``canroll sweep``: several runs, laws or speeds on one page."""
+"""``canroll compare``: runs, laws or speeds on one page; a population of vehicles in one table."""
 
 import argparse
-import json
-import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from canroll.cli import terminal
 from canroll.cli.cases import driven
-from canroll.cli.options import DEFAULT_SCENARIO, VEHICLE_SET, choices_of, folder_of
+from canroll.cli.options import VEHICLE_SET, choices_of, folder_of
+from canroll.cli.parser import refuse
+from canroll.cli.run_parsers import OF_RUNS, SEVERE, VEHICLES
 from canroll.errors import CanrollError
 from canroll.report.page import PageTable
 from canroll.report.run_folder import write_page
 from canroll.report.staging import page_folder
-from canroll.setup.choices import CHOICES
-from canroll.studies import comparison
-from canroll.studies import severe as severe_manoeuvres
+from canroll.setup.choices import CHOICES, chosen
+from canroll.studies import comparison, equal_effort, severe, variation
+from canroll.studies.comparison import Comparison
 from canroll.studies.comparison_page import (
     apart,
     comparison_json,
@@ -25,7 +25,17 @@ from canroll.studies.comparison_page import (
     sweep_page,
     sweep_table,
 )
-from plant_sim.driving import MANEUVERS
+
+STEM = "comparison"
+LARGEST_EFFORT = 20_000.0
+"""N·m; no actuator's message carries more."""
+
+
+def run(args: argparse.Namespace) -> int:
+    """Drive runs or a population of vehicles, and compare them."""
+    if args.scenario == SEVERE:
+        return severe_manoeuvres(args)
+    return of_runs(args) if args.runs is None else at_equal_effort(args)
 
 
 def refuse_vehicle_set(args: argparse.Namespace, texts: Iterable[str]) -> None:
@@ -38,113 +48,106 @@ def refuse_vehicle_set(args: argparse.Namespace, texts: Iterable[str]) -> None:
             )
 
 
-def run(args: argparse.Namespace) -> int:
+def of_runs(args: argparse.Namespace) -> int:
     """Drive all runs, print the table, write comparison.html and comparison.json."""
-    if len(set(args.runs)) < len(args.runs):
-        raise CanrollError("compare: a run is given twice")
-    refuse_vehicle_set(args, (text for text in args.runs if not comparison.is_folder(text)))
-    out = page_folder(folder_of(args))
+    refuse_vehicle_set(args, (text for text in args.what if not comparison.is_folder(text)))
     common = choices_of(args)
+    speeds = None if args.speeds is None else comparison.parse_range(args.speeds)
+    if speeds is not None and len(speeds) == 1 and ":" not in args.speeds:
+        common["speed_kmh"], speeds = speeds[0], None
+    wanted: list[str] | Mapping[str, Mapping[str, Any]] = args.what
+    if not wanted and speeds is None:
+        raise CanrollError(
+            "compare: name the runs to compare, or several speeds: --speed FROM:TO:STEP"
+        )
+    if not wanted:
+        name = "calibration" if "calibration" in common else str(chosen(common, "law"))
+        wanted = {name: {}}
+    out = page_folder(folder_of(args))
     duration = common.pop("duration", None)
     with driven(args, out) as cases:
-        named = comparison.gather(args.runs, args.scenario, common, duration=duration, cases=cases)
-    texts = {"report": (".html", lambda: comparison_page(named))}
-    data = write_page(out, "comparison", texts, comparison_json(named))
-    if args.json:
-        print(json.dumps(data))
-        return 0
-    terminal.show_table(summary_table(named))
-    warnings = [f"{n.name}: {text}" for n in named for text in n.result.warnings]
-    terminal.show_warnings([*warnings, *apart(named)])
-    terminal.show_files(data.get("files", {}))
-    return 0
+        answer = comparison.compare(
+            wanted, args.scenario, speeds_kmh=speeds, duration=duration, cases=cases, **common
+        )
+    page, numbers, table = _view(answer)
+    data = write_page(out, STEM, {"report": (".html", page)}, numbers)
+    return terminal.emit(
+        args,
+        data,
+        [table, *terminal.warnings(_warnings(answer)), *terminal.files(data.get("files", {}))],
+    )
 
 
-def manoeuvre_and_runs(words: list[str]) -> tuple[str, list[str]]:
-    """Return the manoeuvre among the words of ``canroll sweep``, and the runs to drive.
-
-    Raises:
-        CanrollError: two manoeuvres, or a run given twice.
-    """
-    scenarios = [word for word in words if word in MANEUVERS]
-    if len(scenarios) > 1:
-        raise CanrollError(f"sweep: give one manoeuvre, not {' and '.join(scenarios)}")
-    texts = [word for word in words if word not in MANEUVERS]
-    if len(set(texts)) < len(texts):
-        raise CanrollError("sweep: a run is given twice")
-    return (scenarios or [DEFAULT_SCENARIO])[0], texts
+def _view(answer: Comparison) -> tuple[Any, dict[str, Any], PageTable]:
+    """Return what makes the page, the numbers and the table."""
+    laws, named = answer.over_speed, answer.runs
+    if laws:
+        return lambda: sweep_page(laws), sweep_json(laws), sweep_table(laws)
+    return lambda: comparison_page(named), comparison_json(named), summary_table(named)
 
 
-def sweep(args: argparse.Namespace) -> int:
-    """Drive all speeds, print the table, write sweep.html and sweep.json."""
-    common = choices_of(args)
-    speeds = comparison.parse_range(args.speeds)
-    scenario, texts = manoeuvre_and_runs(args.what)
-    names = common.pop("law", [CHOICES["law"].default])
-    laws: dict[str, dict[str, Any]] = {name: {"law": name} for name in names}
-    if texts:
-        refuse_vehicle_set(args, texts)
-        for name in ("law", "calibration"):
-            if getattr(args, name) is not None:
-                raise CanrollError(f"--{name}: the runs {' '.join(texts)} have theirs: omit it")
-        laws = {comparison.label(text): comparison.describe(text) for text in texts}
-        if len(laws) < len(texts):
-            raise CanrollError("sweep: two runs have one name: give each its own by name=…")
-        for text, keywords in laws.items():
-            if "speed_kmh" in keywords:
-                raise CanrollError(f"{text}: --speed gives the speeds: omit speed")
-    elif "calibration" in common:
-        if args.law is not None:
-            raise CanrollError("--calibration fixes the law: omit --law")
-        laws = {"calibration": {}}
-    wanted = [
-        (name, (f"{name} at {speed:g} km/h", {**law, "speed_kmh": speed}))
-        for name, law in laws.items()
-        for speed in speeds
-    ]
-    out = page_folder(folder_of(args))
-    with driven(args, out) as cases:
-        wanted = list(cases.picked(wanted))
-        results = comparison.runs(scenario, [run for _, run in wanted], common, cases=cases)
-    named: dict[str, list[comparison.Named]] = {}
-    for (law, _), run in zip(wanted, results, strict=True):
-        named.setdefault(law, []).append(run)
-    pages = {"report": (".html", lambda: sweep_page(named))}
-    data = write_page(out, "sweep", pages, sweep_json(named))
-    if args.json:
-        print(json.dumps(data))
-        return 0
-    terminal.show_table(sweep_table(named))
-    notes = {name: run.result.warnings for name, (run, *_) in named.items()}
-    terminal.show_warnings([f"{name}: {text}" for name, texts in notes.items() for text in texts])
-    terminal.show_files(data.get("files", {}))
-    return 0
+def _warnings(answer: Comparison) -> list[str]:
+    firsts = {law: runs[0] for law, runs in answer.over_speed.items()}
+    shown = firsts or {run.name: run for run in answer.runs}
+    warnings = [f"{name}: {text}" for name, run in shown.items() for text in run.result.warnings]
+    return warnings if firsts else [*warnings, *apart(answer.runs)]
 
 
-def severe(args: argparse.Namespace) -> int:
-    """Drive the severe manoeuvres and print their table: Markdown where it is not a terminal."""
+def at_equal_effort(args: argparse.Namespace) -> int:
+    """Drive every law over the simulated bus at equal effort, with a population of vehicles."""
+    for name in OF_RUNS:
+        refuse(args, name, "--runs drives every law, with seeds of its own")
+    choices = _of_a_population(args)
+    if args.effort is not None and not 1.0 <= args.effort <= LARGEST_EFFORT:
+        raise CanrollError(
+            f"--effort {args.effort:g}: must be 1 to {LARGEST_EFFORT:g} N·m of RMS moment"
+        )
     out = page_folder(args.out)
     with driven(args, out) as cases:
-        answer = severe_manoeuvres.study(
-            runs=args.runs, spread=dict(args.spread), cases=cases, **choices_of(args)
+        answer = equal_effort.compare(
+            args.scenario,
+            vehicle=chosen(choices, "vehicle"),
+            bus=chosen(choices, "bus"),
+            runs=args.runs,
+            effort=args.effort or equal_effort.half_upright(args.scenario, **choices),
+            spread=variation.spread_from(dict(args.spread)),
+            conditions={k: v for k, v in choices.items() if k not in ("vehicle", "bus")},
+            cases=cases,
         )
-    data = write_page(out, "severe", {}, severe_manoeuvres.to_json(answer))
-    if answer.note:
-        print(f"note: {answer.note}", file=sys.stderr)
-    if args.json:
-        print(json.dumps(data))
-    else:
-        print(
-            f"{answer.vehicles['vehicle']}, {answer.actuator}, bus {answer.bus}, {answer.runs} "
-            f"vehicles, {answer.law} as designed, plain feedforward at its RMS moment of "
-            f"{answer.effort:.0f} N·m, bar: {answer.bar:g} times the roll stiffness"
-        )
-        if sys.stdout.isatty():
-            rows: list[tuple[str, ...]] = []
-            for title, name, *figures in severe_manoeuvres.lines(answer):
-                rows += [("",), (title,)] if title else []
-                rows.append((name, *figures))
-            terminal.show_table(PageTable("", ("", *severe_manoeuvres.HEAD[2:]), rows))
-        else:
-            print("\n".join(severe_manoeuvres.markdown(answer)))
-    return 0
+    title = (
+        f"{answer.scenario}, {answer.vehicle}, {chosen(choices, 'actuator')}, plant "
+        f"{chosen(choices, 'plant')}, bus {answer.bus}, {answer.runs} vehicles, "
+        f"RMS moment {answer.budget:.0f} N·m for all, reference {answer.reference}"
+    )
+    data = write_page(out, STEM, {}, equal_effort.to_json(answer))
+    return terminal.emit(args, data, [title, *terminal.plain(equal_effort.table(answer))])
+
+
+def severe_manoeuvres(args: argparse.Namespace) -> int:
+    """Drive the severe manoeuvres with a population of vehicles."""
+    refuse(args, "effort", "the severe manoeuvres are driven at the effort of the law")
+    choices = _of_a_population(args)
+    out = page_folder(args.out)
+    runs = VEHICLES if args.runs is None else args.runs
+    with driven(args, out) as cases:
+        answer = severe.study(runs=runs, spread=dict(args.spread), cases=cases, **choices)
+    about = answer.about
+    data = write_page(out, STEM, {}, answer.to_json())
+    if "note" in about:
+        terminal.note(f"note: {about['note']}")
+    title = (
+        f"{about['vehicle']}, {about['actuator']}, bus {about['bus']}, {about['runs']} "
+        f"vehicles, {about['law']} as designed, plain feedforward at its RMS moment of "
+        f"{about['effort_nm']:.0f} N·m, bar: {about['bar_factor']:g} times the roll stiffness"
+    )
+    return terminal.emit(args, data, [title, *terminal.plain(answer.shown())])
+
+
+def _of_a_population(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the choices of runs with a population of vehicles."""
+    if args.what:
+        raise CanrollError(f"{args.what[0]}: --runs drives laws of its own: omit it")
+    choices = choices_of(args)
+    if args.speeds is not None:
+        choices["speed_kmh"] = CHOICES["speed_kmh"].read(args.speeds)
+    return choices

@@ -61,10 +61,10 @@ def delay_of(args: argparse.Namespace) -> Delay | None:
 def run(args: argparse.Namespace) -> int:
     """Design, write and report; 1 for an as-printed law that fails a check, else 0."""
     if args.compare:
-        # studies and every law, for a comparison alone
-        from canroll.cli.design_comparison import compare, drive_all  # noqa: PLC0415
+        # every law, for a comparison alone
+        from canroll.cli.design_comparison import compare  # noqa: PLC0415
 
-        return drive_all(args) if args.runs is not None else compare(args, design_task(args))
+        return compare(args, design_task(args))
     choices = choices_of(args)
     stage = stage_of({}, choices)
     task = design_task(args)

@@ -1,4 +1,4 @@
-"""``canroll design --compare``: every law for one task, designed or driven over the bus."""
+"""``canroll design --compare``: every law designed for one task."""
 
 import argparse
 import json
@@ -7,20 +7,13 @@ from math import isfinite
 from typing import Any
 
 from canroll.cli import terminal
-from canroll.cli.cases import driven
-from canroll.cli.options import DEFAULT_SCENARIO, choices_of
 from canroll.errors import CanrollError
 from canroll.report.page import PageTable
-from canroll.setup.choices import chosen
-from canroll.studies import equal_effort, variation
 from gain_gen.analysis.speed_schedule import with_speed_rate
 from gain_gen.calibration.summary import summary
 from gain_gen.design import design
 from gain_gen.laws import LAWS
 from gain_gen.models.task import Design, Task
-
-LARGEST_EFFORT = 20_000.0
-"""N·m; no actuator's message carries more."""
 
 
 def compare(args: argparse.Namespace, task: Task) -> int:
@@ -95,34 +88,3 @@ def _row(name: str, answer: Design) -> tuple[str, ...]:
         worst("gain_margin_db", 1),
         worst("peak_sensitivity", 2),
     )
-
-
-def drive_all(args: argparse.Namespace) -> int:
-    """Drive every law over the simulated bus at equal effort and print the table."""
-    choices = choices_of(args)
-    scenario = args.scenario or DEFAULT_SCENARIO
-    if args.effort is not None and not 1.0 <= args.effort <= LARGEST_EFFORT:
-        raise CanrollError(
-            f"--effort {args.effort:g}: must be 1 to {LARGEST_EFFORT:g} N·m of RMS moment"
-        )
-    with driven(args, args.out) as cases:
-        comparison = equal_effort.compare(
-            scenario,
-            vehicle=chosen(choices, "vehicle"),
-            bus=chosen(choices, "bus"),
-            runs=args.runs,
-            effort=args.effort or equal_effort.half_upright(scenario, **choices),
-            spread=variation.spread_from(dict(args.spread)),
-            conditions={k: v for k, v in choices.items() if k not in ("vehicle", "bus")},
-            cases=cases,
-        )
-    if args.json:
-        print(json.dumps(equal_effort.to_json(comparison)))
-    else:
-        print(
-            f"{comparison.scenario}, {comparison.vehicle}, {chosen(choices, 'actuator')}, plant "
-            f"{chosen(choices, 'plant')}, bus {comparison.bus}, {comparison.runs} vehicles, "
-            f"RMS moment {comparison.budget:.0f} N·m for all, reference {comparison.reference}"
-        )
-        print("\n".join(equal_effort.table(comparison)))
-    return 0

@@ -5,12 +5,9 @@ from typing import Any
 
 from canroll.cli.options import (
     DEFAULT_SCENARIO,
-    EXECUTION,
     JSON,
     OF_A_RUN,
-    SPREAD,
     choices,
-    execution,
     key_value,
     path_named,
     scenario,
@@ -28,8 +25,6 @@ OF_A_DESIGN = (
     *("gains", "matrices", "unverified", "moment_share", "feedforward", "identification"),
     *("offset_learning", "response_watch", "uncertainty", "bus"),
 )
-OF_A_DRIVE = ("plant", "speed_kmh", "options")
-"""Choices of the runs in which laws are compared."""
 OF_AN_EXPORT = ("calibration", *OF_A_DESIGN)
 BYTE_ORDERS = ("little", "big")
 PROCESSORS = tuple(name for name in BACKENDS if name.startswith("cortex"))
@@ -51,20 +46,9 @@ def design(parser: Parser) -> None:
         opt("--gamma", float, "LEVEL", "H-infinity level that the theorem of hinf_delay must "
             "certify (default: the smallest)", 0.0),
         flag("--compare", "design every law for the vehicle, write nothing"),
-        opt("--runs", int, "N", "with --compare: drive all laws at equal effort over the bus, N "
-            "vehicles of a population, the same for every law", needs=("compare",)),
-        opt("--scenario", scenario, None, f"with --runs: manoeuvre (default: {DEFAULT_SCENARIO})"),
-        opt("--effort", float, "NM", "with --runs: common RMS moment (default: half of what holds "
-            "the body upright)"),
-        SPREAD,
-        choices(OF_A_DRIVE),
         JSON,
         verbose("the numbers without a limit and the least faults that can be found"),
-        opt("--out", path_named, "DIR", "folder for the files (default: out); with --runs for "
-            "finished laws, until all are"),
-        execution("law"),
-        related(Relations(needs=("runs",), why="--compare --runs"),
-                "scenario", "effort", "spread", *OF_A_DRIVE, *EXECUTION),
+        opt("--out", path_named, "DIR", "folder for the files (default: out)"),
         related(Relations(excludes={"compare": "--compare designs every law"}), "law"),
         related(Relations(excludes={"compare": "--compare designs laws without a stage"}), "stage"),
         related(Relations(excludes={"compare": "--compare prints one line a law"}),

@@ -1,7 +1,7 @@
 """``canroll handling circle|response|limit``: tests of a vehicle without and with control."""
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any, Generic, TypeVar
@@ -39,7 +39,7 @@ class Driven(Generic[Test]):
     vehicle: Vehicle
     title: str
     about: Mapping[str, Any]
-    warnings: tuple[str, ...]
+    warnings: Sequence[str]
     pair: Pair[Test]
     controller: PreparedController | None = None
 
@@ -56,7 +56,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def driven(
-    args: argparse.Namespace, scenario: str, test: Callable[[Vehicle, Drive], Test], **more: float
+    args: argparse.Namespace,
+    scenario: str,
+    test: Callable[[Vehicle, Drive], Test],
+    **more: Any,  # noqa: ANN401
 ) -> Driven[Test]:
     """Drive a test without control, and with it where a law or calibration is given.
 
@@ -67,9 +70,9 @@ def driven(
         plant = chosen(choices, "plant")
         vehicle, drive = vehicle_tests.alone(chosen(choices, "vehicle"), plant, args.load)
         body = bodies.body(plant)
-        about = {"vehicle": vehicle.name, "plant": body.name}
+        about: dict[str, Any] = {"vehicle": vehicle.name, "plant": body.name}
         title = f"{vehicle.title}, {body.name} plant"
-        return Driven(vehicle, title, about, body.left_out(vehicle), Pair(test(vehicle, drive)))
+        return Driven(vehicle, title, about, [*body.left_out(vehicle)], Pair(test(vehicle, drive)))
     if choices.get("law") == PASSIVE:
         raise CanrollError(f"--law {PASSIVE} has no control: omit it")
     settings, controller = experiment.plan(scenario, **choices, **more)

@@ -77,6 +77,8 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     words = arguments[1:]
     arguments = [name, *project_file.words(parser.open_to(words), words), *words]
     namespace, unknown = parser.read(arguments[1:])
+    if unknown and (old := f"{name} {unknown[0]}") in RENAMED:
+        raise UsageError(f"'{old}' is now 'canroll {RENAMED[old]}'")
     if unknown:
         raise UsageError(
             f"'{name}' does not take {' '.join(unknown)} (see 'canroll {name} --help')"

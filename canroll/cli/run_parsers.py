@@ -1,24 +1,30 @@
 """The options of the commands that simulate, and that characterise a vehicle."""
 
+from typing import Any
+
 from canroll.cli.options import (
     DEFAULT_SCENARIO,
     JSON,
-    NUMBERS,
     OF_A_RUN,
     RECORDING,
     SPREAD,
     answer,
     choices,
     execution,
+    not_empty,
     path_named,
     scenario,
     scenario_named,
     verbose,
 )
 from canroll.cli.parser import Parser, Relations, flag, opt, related
-from canroll.setup.choices import CHOICES, OF_ONE_MANOEUVRE
+from canroll.setup.choices import CHOICES
 
-DEFAULT_SPEEDS = "60:120:20"
+SEVERE = "severe"
+"""The catalogue of manoeuvres of :mod:`canroll.studies.severe`, in place of a manoeuvre."""
+VEHICLES = 20
+OF_RUNS = ("law", "stage", "calibration", "seed", "phase_ms", "duration")
+"""Choices of single runs that a comparison of all laws by a population has no use for."""
 LOADS = ("laden", "empty")
 CONTROL = ("law", "calibration")
 """Choices of which one adds the controlled vehicle to a handling test."""
@@ -29,7 +35,7 @@ OF_THE_CONTROLLED = [
     name for name in AT_ANY_SPEED if name not in ("vehicle", "plant", *CONTROL, *OF_A_LIMIT)
 ]
 CIRCLE, RESPONSE, LIMIT = (
-    {"needs": (f"what={test}",), "why": f"canroll handling {test}"}
+    dict[str, Any](needs=(f"what={test}",), why=f"canroll handling {test}")
     for test in ("circle", "response", "limit")
 )
 PICTURE = "response.png"
@@ -50,32 +56,36 @@ def run(parser: Parser) -> None:
 
 
 def compare(parser: Parser) -> None:
-    """Compare several runs or laws on one page."""
+    """Compare runs, laws or speeds on one page, or laws by a population of vehicles."""
+    population = Relations(needs=("runs", f"scenario={SEVERE}"), why="--runs")
     parser.take(
-        "Drive the same manoeuvre with several controllers and compare them; saved runs are read "
-        "from their folders. Options apply to the new runs.",
-        opt("runs", str, "RUN", "a law, a calibration file, choices as "
-            "law=lqr,bus=gateway_20ms,name=slow, or the folder of a saved run", nargs="+"),
-        opt("--scenario", scenario, None, "manoeuvre (default: %(default)s)", DEFAULT_SCENARIO),
-        choices(CHOICES),
-        execution("run", "resume"),
-        *answer("the page"),
+        "Drive the same manoeuvre with several controllers, at one or several speeds, and compare "
+        "them; saved runs are read from their folders, options apply to the new runs. With --runs "
+        "drive every law with a population of vehicles, at equal effort. With --scenario severe "
+        "drive lane changes, fishhook, J-turn, sine with dwell and one-sided bumps with a "
+        "population of vehicles: without control, with the best passive bar, with the plain "
+        "feedforward, and with a law.",
+        opt("what", str, "RUN", "a law, a calibration file, choices as "
+            "law=lqr,bus=gateway_20ms,name=slow, or the folder of a saved run; of several speeds "
+            "by default the options", nargs="*"),
+        opt("--scenario", _scenarios, None, f"manoeuvre, or {SEVERE} (default: %(default)s)",
+            DEFAULT_SCENARIO),
+        opt("--speed", not_empty, "KMH|FROM:TO:STEP", "entry speed, or speeds of each run; by "
+            "default that of the vehicle for the manoeuvre", dest="speeds"),
+        opt("--runs", int, "N", "vehicles of a population, the same for every law (default of "
+            f"{SEVERE}: {VEHICLES})"),
+        opt("--effort", float, "NM", "with --runs: common RMS moment (default: half of what holds "
+            "the body upright)", needs=("runs",)),
+        SPREAD,
+        choices([name for name in CHOICES if name != "speed_kmh"]),
+        execution("run, law, or pair of severe manoeuvre and vehicle"),
+        related(population, "spread", "resume"),
+        *answer("the page, of a population with --out alone for the numbers"),
     )  # fmt: skip
 
 
-def sweep(parser: Parser) -> None:
-    """Run over a range of speeds or over several laws."""
-    parser.handler = "canroll.cli.compare:sweep"
-    parser.take(
-        "Drive a manoeuvre at several speeds with one or several laws, calibrations or settings.",
-        opt("what", str, "SCENARIO|RUN", f"manoeuvre (default: {DEFAULT_SCENARIO}), and what to "
-            "drive, as of compare: a law, a calibration file, or choices as "
-            "law=lqr,bus=gateway_20ms (default: options)", nargs="*"),
-        opt("--speed", str, "FROM:TO:STEP", "default: %(default)s", DEFAULT_SPEEDS, dest="speeds"),
-        choices(AT_ANY_SPEED, several=("law",)),
-        execution("run", "resume"),
-        *answer("the page"),
-    )  # fmt: skip
+def _scenarios(text: str) -> str:
+    return text if text == SEVERE else scenario(text)
 
 
 def report(parser: Parser) -> None:
@@ -127,18 +137,3 @@ def handling(parser: Parser) -> None:
         opt("--tolerance", float, "KMH", "final bracket (default: 0.5)", 0.5, **LIMIT),
         JSON,
     )  # fmt: skip
-
-
-def severe(parser: Parser) -> None:
-    """Severe manoeuvres over a population of vehicles."""
-    parser.handler = "canroll.cli.compare:severe"
-    parser.take(
-        "Drive lane changes, fishhook, J-turn, sine with dwell and one-sided bumps with a "
-        "population of vehicles: without control, with the best passive bar, with the plain "
-        "feedforward, and with a law.",
-        choices([name for name in OF_A_RUN if name not in OF_ONE_MANOEUVRE]),
-        opt("--runs", int, "N", "vehicles (default: %(default)s)", 20),
-        SPREAD,
-        execution("pair of manoeuvre and vehicle"),
-        *NUMBERS,
-    )

@@ -128,6 +128,18 @@ def show(parts: Iterable[Part]) -> None:
             console.print(columns(console, part.head, part.rows))
 
 
+def plain(table: PageTable) -> Iterator[Part]:
+    """Yield a table of a terminal, or the lines of one in Markdown for a pipe or a file."""
+    if sys.stdout.isatty():
+        yield table
+        return
+    columns = zip(*table.rows, strict=True)
+    numeric = [any(NUMBER.match(str(cell)) for cell in column) for column in columns]
+    rule = ["---:" if each else "---" for each in numeric]
+    for row in (table.head, rule, *table.rows):
+        yield f"| {' | '.join(map(str, row))} |"
+
+
 def verdict(text: str, *, good: bool | None) -> Text:
     """Return the answer in one line: good, bad, or neither."""
     return Text(text, style={True: "green", False: "red", None: "yellow"}[good])

@@ -1,6 +1,6 @@
 """Comparison of several runs: laws, buses, speeds, on one page and in one table."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,10 +23,11 @@ RANGE = "expected FROM:TO:STEP, e.g. 60:160:20"
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """One run of a comparison: its description and result."""
+    """One run of a comparison: its description and result; ``of``: that without its speed."""
 
     name: str
     result: Result
+    of: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +46,15 @@ class Comparison:
         return {run.name: run.result for run in self.runs}
 
     @property
+    def over_speed(self) -> dict[str, list[Named]]:
+        """The runs over several speeds, by what was driven; empty of others."""
+        laws: dict[str, list[Named]] = {}
+        for run in self.runs:
+            if run.of:
+                laws.setdefault(run.of, []).append(run)
+        return laws
+
+    @property
     def table(self) -> Table:
         """One row for each run: what was driven, the verdict, and the metrics of both runs."""
         return Table([_row(run) for run in self.runs])
@@ -55,6 +65,7 @@ def compare(
     wanted: Sequence[str] | Mapping[str, Mapping[str, Any]],
     scenario: str = "double_lane_change",
     *,
+    speeds_kmh: Sequence[float] | None = None,
     duration: float | None = None,
     cases: Cases = IN_TURN,
     **common: Any,  # noqa: ANN401
@@ -65,52 +76,64 @@ def compare(
         wanted: laws, calibration files, "law=lqr,bus=500k" or folders of saved runs; or keywords of
             :func:`canroll.run` by the name of the run.
         scenario: the manoeuvre.
+        speeds_kmh: entry speeds of each, km/h; None: one, that of the manoeuvre or of the keywords.
         duration: s, if shorter than the manoeuvre.
         cases: what drives the runs.
         common: keywords of :func:`canroll.run` for all runs, unless ``wanted`` has others.
 
     Raises:
         CanrollError: nothing to compare, an invalid name or number, runs of several manoeuvres, or
-            a run that cannot be driven; the message names the argument.
+            a run that cannot be read or driven; the message names the argument.
     """
     if not wanted:
         raise CanrollError(f"wanted={wanted!r}: must be a list of runs, or keywords by name")
-    if isinstance(wanted, Mapping):
-        of = cases.picked(list(wanted.items()))
-        return Comparison(tuple(runs(scenario, of, common, duration=duration, cases=cases)))
-    return Comparison(tuple(gather(wanted, scenario, common, duration=duration, cases=cases)))
+    if speeds_kmh is not None and len(speeds_kmh) == 0:
+        raise CanrollError(f"speeds_kmh={speeds_kmh!r}: must be a list with at least one entry")
+    chosen = dict(wanted) if isinstance(wanted, Mapping) else described_runs(wanted)
+    each: Sequence[tuple[str, str, Path | Mapping[str, Any]]]
+    each = [(name, "", run) for name, run in chosen.items()]
+    if speeds_kmh is not None:
+        each = list(_at_speeds(chosen, speeds_kmh))
+    each = cases.picked(each)
+    new = [(name, run) for name, _, run in each if not isinstance(run, Path)]
+    read = {name: saved_run.load(run) for name, _, run in each if isinstance(run, Path)}
+    driven = runs(scenario, new, common, duration=duration, cases=cases)
+    results = {run.name: run.result for run in driven} | read
+    named = tuple(Named(name, results[name], of) for name, of, _ in each)
+    first = named[0]
+    for run in named:
+        if run.result.settings.scenario != first.result.settings.scenario:
+            raise CanrollError(
+                f"{first.name} is a {first.result.settings.scenario}, {run.name} is a "
+                f"{run.result.settings.scenario}: compare runs of one manoeuvre"
+            )
+    return Comparison(named)
 
 
-@checked
-def sweep(
-    speeds_kmh: Sequence[float],
-    laws: Sequence[str] = (CHOICES["law"].default,),
-    scenario: str = "double_lane_change",
-    *,
-    cases: Cases = IN_TURN,
-    **common: Any,  # noqa: ANN401
-) -> Comparison:
-    """Drive a manoeuvre at several speeds with one or several laws.
-
-    Args:
-        speeds_kmh: entry speeds, km/h.
-        laws: laws, calibration files, or "law=lqr,bus=500k", as of :func:`compare`.
-        scenario: the manoeuvre.
-        cases: what drives the runs.
-        common: keywords of :func:`canroll.run` for all runs.
+def described_runs(texts: Sequence[str]) -> dict[str, Path | Mapping[str, Any]]:
+    """Return folders of saved runs, and the keywords of others, by the names of the runs.
 
     Raises:
-        CanrollError: no speeds or laws, an invalid name or number, or a run that cannot be driven.
+        CanrollError: an unknown key or name, or two runs of one name.
     """
-    for name, values in (("speeds_kmh", speeds_kmh), ("laws", laws)):
-        if len(values) == 0:
-            raise CanrollError(f"{name}={values!r}: must be a list with at least one entry")
-    wanted = {
-        f"{label(law)} at {speed:g} km/h": {**describe(law), "speed_kmh": speed}
-        for law in laws
-        for speed in speeds_kmh
-    }
-    return compare(wanted, scenario, cases=cases, **common)
+    named = [
+        (text, Path(text)) if is_folder(text) else (label(text), describe(text)) for text in texts
+    ]
+    labels = [name for name, _ in named]
+    if len(set(labels)) < len(labels):
+        raise CanrollError(f"two runs have one name among {', '.join(labels)}: add name=…")
+    return dict(named)
+
+
+def _at_speeds(
+    chosen: Mapping[str, Path | Mapping[str, Any]], speeds_kmh: Sequence[float]
+) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
+    """Yield each run at each speed: its name, that without the speed, its keywords."""
+    for of, keywords in chosen.items():
+        if isinstance(keywords, Path) or "speed_kmh" in keywords:
+            raise CanrollError(f"{of}: it has its speed: omit it, or drive all at one speed")
+        for speed in speeds_kmh:
+            yield f"{of} at {speed:g} km/h", of, {**keywords, "speed_kmh": speed}
 
 
 def _row(run: Named) -> dict[str, Any]:
@@ -215,42 +238,6 @@ def simulated(
 ) -> Result:
     """Drive the run with control, and return its figures."""
     return simulate(settings, controller, duration=duration, passive=passive)
-
-
-def gather(
-    texts: Sequence[str],
-    scenario: str,
-    common: Mapping[str, Any],
-    *,
-    duration: float | None = None,
-    cases: Cases = IN_TURN,
-) -> list[Named]:
-    """Return the runs described by ``texts``, saved or driven now, in their order.
-
-    Each is the folder of a saved run, or a description for :func:`describe`; ``common`` keywords
-    and ``duration`` (s) are of the runs driven now.
-
-    Raises:
-        CanrollError: runs of different manoeuvres, or a run that cannot be read or driven.
-    """
-    texts = cases.picked(texts)
-    read = {text: saved_run.load(Path(text)) for text in texts if is_folder(text)}
-    labels = [text if text in read else label(text) for text in texts]
-    if len(set(labels)) < len(labels):
-        raise CanrollError(f"two runs have one name among {', '.join(labels)}: add name=…")
-    wanted = [
-        (name, describe(text)) for name, text in zip(labels, texts, strict=True) if text not in read
-    ]
-    driven = runs(scenario, wanted, common, duration=duration, cases=cases)
-    named = {run.name: run for run in driven} | {t: Named(t, result) for t, result in read.items()}
-    chosen = [named[name] for name in labels]
-    for run in chosen:
-        if run.result.settings.scenario != chosen[0].result.settings.scenario:
-            raise CanrollError(
-                f"{chosen[0].name} is a {chosen[0].result.settings.scenario}, {run.name} is a "
-                f"{run.result.settings.scenario}: compare runs of one manoeuvre"
-            )
-    return chosen
 
 
 def is_folder(text: str) -> bool:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from canroll.cases.execution import IN_TURN, Cases
 from canroll.cases.identity import identity
 from canroll.errors import CanrollError
+from canroll.report.page import PageTable
 from canroll.runs.experiment import drive, plan
 from canroll.runs.metrics import rms
 from canroll.setup.choices import PASSIVE
@@ -219,40 +220,47 @@ def compare(
     rows: list[EffortRow] = []
     for entry in entries:
         rows += [next(driven)] if entry in others else at_reference
-    return EffortComparison(tuple(rows), reference, effort, runs, bus, vehicle, scenario)
+    name = str(settings.vehicles["vehicle"])
+    return EffortComparison(tuple(rows), reference, effort, runs, bus, name, scenario)
 
 
-def table(comparison: EffortComparison) -> list[str]:
-    """Return the comparison as a Markdown table, better and worse results alike."""
+HEAD = (
+    *("law", "sensors", "factor", "roll RMS", "worst vehicle", "roll max", "above the bound"),
+    *("moment RMS", "moment max", "NLT front", "path error"),
+    *("against the reference, roll RMS [95 %]", "verdict"),
+)
+
+
+def table(comparison: EffortComparison) -> PageTable:
+    """Return the comparison as texts, better and worse results alike."""
     base = next(row for row in comparison.rows if row.entry.name == "passive")
-    lines = [
-        "| law | sensors | factor | roll RMS | worst vehicle | roll max | above the bound "
-        "| moment RMS | moment max | NLT front | path error "
-        "| against the reference, roll RMS [95 %] | verdict |",
-        "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- | --- |",
-    ]
+    rows = []
     for row in comparison.rows:
         if not row.ran:
-            lines.append(f"| {row.entry.name} | {row.entry.sensors} {'| ' * 10}| {row.refused} |")
+            rows.append((row.entry.name, row.entry.sensors, *[""] * 10, row.refused))
             continue
         roll = [row.mean(figure) / base.mean(figure) - 1.0 for figure in ROLL]
         worst = np.max(row.figures[:, 0] / base.figures[:, 0]) - 1.0
-        above = f"{100 * row.above_bound:+.1f} %" if isfinite(row.above_bound) else ""
         against = comparison.against_reference(row, ROLL[0])
         mean, low, high = (100.0 * value for value in astuple(against))
-        lines.append(
-            f"| {row.entry.name} | {row.entry.sensors} | {row.factor:.2f} "
-            f"| {row.mean('roll_rms_deg'):.2f}° ({100 * roll[0]:+.0f} %) | {100 * worst:+.0f} % "
-            f"| {row.mean('roll_max_deg'):.2f}° ({100 * roll[1]:+.0f} %) | {above} "
-            f"| {row.mean('moment_rms_nm'):.0f} | {row.mean('moment_max_nm'):.0f} "
-            f"| {row.mean('nlt_front_max'):.3f} | {row.mean('path_error_max_m'):.2f} m "
-            f"| {mean:+.1f} % [{low:+.1f}, {high:+.1f}] | {comparison.verdict(row)} |"
+        rows.append(
+            (
+                *(row.entry.name, row.entry.sensors, f"{row.factor:.2f}"),
+                f"{row.mean('roll_rms_deg'):.2f}° ({100 * roll[0]:+.0f} %)",
+                f"{100 * worst:+.0f} %",
+                f"{row.mean('roll_max_deg'):.2f}° ({100 * roll[1]:+.0f} %)",
+                f"{100 * row.above_bound:+.1f} %" if isfinite(row.above_bound) else "",
+                *(f"{row.mean('moment_rms_nm'):.0f}", f"{row.mean('moment_max_nm'):.0f}"),
+                *(f"{row.mean('nlt_front_max'):.3f}", f"{row.mean('path_error_max_m'):.2f} m"),
+                f"{mean:+.1f} % [{low:+.1f}, {high:+.1f}]",
+                comparison.verdict(row),
+            )
         )
-    return lines
+    return PageTable("", HEAD, rows)
 
 
-def to_json(comparison: EffortComparison) -> list[dict[str, Any]]:
-    """Return the rows as plain numbers."""
+def to_json(comparison: EffortComparison) -> dict[str, Any]:
+    """Return the comparison as plain data."""
     rows = []
     for row in comparison.rows:
         against = comparison.against_reference(row, ROLL[0])
@@ -273,4 +281,12 @@ def to_json(comparison: EffortComparison) -> list[dict[str, Any]]:
                 **{name: value if isfinite(value) else None for name, value in numbers.items()},
             }
         )
-    return rows
+    return {
+        "scenario": comparison.scenario,
+        "vehicle": comparison.vehicle,
+        "bus": comparison.bus,
+        "runs": comparison.runs,
+        "reference": comparison.reference,
+        "effort_nm": comparison.budget,
+        "rows": rows,
+    }

@@ -18,16 +18,16 @@ from canroll.arguments import checked
 from canroll.cases.execution import IN_TURN, Cases
 from canroll.cases.identity import identity
 from canroll.errors import CanrollError
+from canroll.report.page import PageTable
 from canroll.runs.experiment import drive, limit_cycle_of, plan
 from canroll.runs.metrics import peak, rms
 from canroll.runs.result import Settings
-from canroll.runs.trace import Trace
 from canroll.setup.choices import OF_ONE_MANOEUVRE, PASSIVE, check, chosen
 from canroll.setup.controller import PreparedController
 from canroll.studies import equal_effort
 from canroll.studies.effort import scaled
 from canroll.studies.effort_rows import EffortEntry, with_stiffer_bar
-from canroll.studies.equal_effort import paired
+from canroll.studies.equal_effort import Difference, paired
 from canroll.studies.variation import draw, spread_from
 from canroll.table import Table
 
@@ -66,62 +66,65 @@ MANOEUVRES = (
 )
 """Lateral accelerations of van_real: 0.3 g on friction 0.35, 0.4 g on 0.6, 0.4 to 0.6 g in lane
 changes that the driver steers, 0.7, 0.8 and 0.9 g in those of the robot, 0.9 g in the turns."""
-FIGURES = ("roll_rms", "roll_max", "sideslip_max", "two_wheel_lift")
-"""Of a run: deg, deg, deg, and whether both wheels of a side left the road."""
-
-
-@dataclass(frozen=True, slots=True)
-class SevereRow:
-    """One controller, or none, in one manoeuvre.
-
-    Attributes:
-        manoeuvre: the manoeuvre.
-        name: law, "passive" or "best passive bar".
-        figures: runs by :data:`FIGURES`.
-        passive: the same figures without control.
-        cycles: runs with a limit cycle.
-    """
-
-    manoeuvre: Severe
-    name: str
-    figures: NDArray[np.float64]
-    passive: NDArray[np.float64]
-    cycles: int
-
-    def mean(self, figure: str) -> float:
-        """Mean of a figure."""
-        return float(np.mean(self.figures[:, FIGURES.index(figure)]))
-
-    @property
-    def lifts(self) -> int:
-        """Runs in which both wheels of a side left the road."""
-        return int(np.sum(self.figures[:, FIGURES.index("two_wheel_lift")]))
-
-    @property
-    def worst(self) -> float:
-        """Largest ratio of a vehicle's peak roll angle to that without control, minus 1."""
-        column = FIGURES.index("roll_max")
-        return float(np.max(self.figures[:, column] / self.passive[:, column])) - 1.0
+FIGURES = ("roll_rms_deg", "roll_max_deg", "sideslip_max_deg", "two_wheel_lifts", "limit_cycles")
+"""Of a run: three angles, whether both wheels of a side left the road, and a limit cycle."""
+HEAD = (
+    *("manoeuvre", "", "roll max", "against passive [95 %]", "worst vehicle", "roll RMS"),
+    *("sideslip max", "both wheels of a side off", "limit cycles"),
+)
+OF_FILE = (
+    "the vehicles are spread by --spread about the numbers of {}'s file, not drawn from its [fit], "
+    "which the designs allow for: canroll campaign draws from it"
+)
 
 
 @dataclass(frozen=True, slots=True)
 class SevereStudy:
-    """All rows, and the origin of the compared controllers; ``note``: on the cars, or empty."""
+    """What was compared, by the keys of the JSON object, and its rows.
 
-    rows: tuple[SevereRow, ...]
-    law: str
-    vehicles: Mapping[str, str | None]
-    actuator: str
-    bus: str
-    runs: int
-    effort: float
-    bar: float
-    note: str
+    ``against``: for each row the paired difference of the largest roll angles from the passive
+    vehicle.
+    """
 
-    @property
-    def table(self) -> Table:
-        """One row for each controller in each manoeuvre."""
-        return Table([_values(row) for row in self.rows])
+    about: Mapping[str, Any]
+    table: Table
+    against: Sequence[Difference]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the study as plain data."""
+        return {**self.about, "rows": list(self.table)}
+
+    def shown(self) -> PageTable:
+        """Return the study as texts, better and worse results alike."""
+        runs, rows = self.about["runs"], []
+        for row, one in zip(self.table, self.against, strict=True):
+            first, against, worst = row["manoeuvre"], "", ""
+            if row["name"] != "passive":
+                interval = f" [{100 * one.low:+.1f}, {100 * one.high:+.1f}]" * (runs > 1)
+                first, against = "", f"{100 * one.mean:+.0f} %{interval}"
+                worst = f"{100 * row['worst']:+.0f} %"
+            rows.append(
+                (
+                    *(first, row["name"], f"{row['roll_max_deg']:.2f}°", against, worst),
+                    *(f"{row['roll_rms_deg']:.2f}°", f"{row['sideslip_max_deg']:.1f}°"),
+                    *(f"{row[key]} of {runs}" for key in FIGURES[3:]),
+                )
+            )
+        return PageTable("", HEAD, rows)
+
+
+def summarised(
+    where: Severe, cars: Sequence[str], figures: NDArray[np.float64]
+) -> Iterator[tuple[dict[str, Any], Difference]]:
+    """Yield row and difference of each car from the :data:`FIGURES`, (vehicles, cars, 5)."""
+    peaks = figures[..., FIGURES.index("roll_max_deg")]
+    for place, name in enumerate(cars):
+        mean, count = figures[:, place].mean(axis=0), figures[:, place].sum(axis=0)
+        row: dict[str, Any] = {"manoeuvre": where.title, "name": name}
+        row |= {key: float(mean[k]) for k, key in enumerate(FIGURES[:3])}
+        row |= {key: int(count[k]) for k, key in enumerate(FIGURES[3:], 3)}
+        row["worst"] = float(np.max(peaks[:, place] / peaks[:, 0])) - 1.0
+        yield row, paired(peaks[:, place], peaks[:, 0])
 
 
 @checked
@@ -193,29 +196,24 @@ def study(
     driven = kept.rows("severe manoeuvres", drive_all, arguments)
     for (place, _), of_vehicle in zip(pairs, driven, strict=True):
         figures.setdefault(place, []).append(of_vehicle)
+    rows = [
+        row
+        for place, values in figures.items()
+        for row in summarised(manoeuvres[place], tuple(cars), np.array(values))
+    ]
     settings = controlled[0]
-    return SevereStudy(
-        tuple(
-            row
-            for place, values in figures.items()
-            for row in _rows(manoeuvres[place], tuple(cars), np.array(values))
-        ),
-        law,
-        settings.vehicles,
-        settings.actuator,
-        settings.bus,
-        runs if cases.execution.only is None else 1,
-        lane_change.budget,
-        factors[BAR],
-        "" if settings.vehicle.fit is None else OF_FILE.format(settings.vehicle.name),
-    )
-
-
-def _rows(where: Severe, names: Sequence[str], values: NDArray[np.float64]) -> Iterator[SevereRow]:
-    """Yield the rows of a manoeuvre from what :func:`drive_all` found of its vehicles."""
-    for place, name in enumerate(names):
-        own = values[:, place]
-        yield SevereRow(where, name, own[:, :-1], values[:, 0, :-1], int(np.sum(own[:, -1])))
+    about = {
+        "law": law,
+        **settings.vehicles,
+        "actuator": settings.actuator,
+        "bus": settings.bus,
+        "runs": runs if cases.execution.only is None else 1,
+        "effort_nm": lane_change.budget,
+        "bar_factor": factors[BAR],
+    }
+    if settings.vehicle.fit is not None:
+        about["note"] = OF_FILE.format(settings.vehicle.name)
+    return SevereStudy(about, Table([row for row, _ in rows]), [one for _, one in rows])
 
 
 def drive_all(
@@ -228,7 +226,7 @@ def drive_all(
 
     ``fleet``: settings of the lane change and controller, the first of the passive vehicle.
     """
-    rows: list[tuple[float, ...]] = []
+    rows = []
     without: Mapping[str, NDArray[np.float64]] = {}
     for nominal, controller in fleet:
         there = replace(
@@ -242,80 +240,9 @@ def drive_all(
         trace = drive(settings, controller, enabled=active)
         without = without or trace.signals
         cycle = limit_cycle_of(settings, controller, trace, without) if active else None
-        rows.append((*_figures(trace), float(cycle is not None)))
+        signals = trace.signals
+        sideslip = np.arctan2(signals["vy"], signals["vx"])
+        angles = rms(signals["roll"]), peak(signals["roll"]), peak(sideslip)
+        lifts = float(np.any(signals["two_wheel_lift"] > 0))
+        rows.append((*map(degrees, angles), lifts, float(cycle is not None)))
     return tuple(rows)
-
-
-def _figures(trace: Trace) -> tuple[float, float, float, float]:
-    signals = trace.signals
-    sideslip = np.arctan2(signals["vy"], signals["vx"])
-    return (
-        degrees(rms(signals["roll"])),
-        degrees(peak(signals["roll"])),
-        degrees(peak(sideslip)),
-        float(np.any(signals["two_wheel_lift"] > 0)),
-    )
-
-
-OF_FILE = (
-    "the vehicles are spread by --spread about the numbers of {}'s file, not drawn from its [fit], "
-    "which the designs allow for: canroll campaign draws from it"
-)
-
-
-HEAD = (
-    *("manoeuvre", "", "roll max", "against passive [95 %]", "worst vehicle", "roll RMS"),
-    *("sideslip max", "both wheels of a side off", "limit cycles"),
-)
-
-
-def lines(answer: SevereStudy) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of the study as texts under :data:`HEAD`, better and worse results alike."""
-    for row in answer.rows:
-        first = row.manoeuvre.title if row.name == "passive" else ""
-        against, worst = "", ""
-        if row.name != "passive":
-            column = FIGURES.index("roll_max")
-            ratio = paired(row.figures[:, column], row.passive[:, column])
-            mean, low, high = (100 * value for value in (ratio.mean, ratio.low, ratio.high))
-            against = f"{mean:+.0f} %"
-            against += f" [{low:+.1f}, {high:+.1f}]" if answer.runs > 1 else ""
-            worst = f"{100 * row.worst:+.0f} %"
-        yield (
-            *(first, row.name, f"{row.mean('roll_max'):.2f}°", against, worst),
-            *(f"{row.mean('roll_rms'):.2f}°", f"{row.mean('sideslip_max'):.1f}°"),
-            *(f"{row.lifts} of {answer.runs}", f"{row.cycles} of {answer.runs}"),
-        )
-
-
-def markdown(answer: SevereStudy) -> list[str]:
-    """Return the study as a Markdown table."""
-    rule = " | ".join("---" if name in ("", *HEAD[:4:3]) else "---:" for name in HEAD)
-    head = " | ".join(HEAD).replace("|  |", "| |")
-    return [f"| {head} |", f"| {rule} |", *(f"| {' | '.join(row)} |" for row in lines(answer))]
-
-
-def to_json(answer: SevereStudy) -> dict[str, Any]:
-    """Return the study as plain data."""
-    return {
-        "law": answer.law,
-        **answer.vehicles,
-        "actuator": answer.actuator,
-        "bus": answer.bus,
-        "runs": answer.runs,
-        "effort_nm": answer.effort,
-        "bar_factor": answer.bar,
-        "rows": list(answer.table),
-        **({"note": answer.note} if answer.note else {}),
-    }
-
-
-def _values(row: SevereRow) -> dict[str, Any]:
-    return {
-        "manoeuvre": row.manoeuvre.title,
-        "name": row.name,
-        **{f"{figure}_deg": row.mean(figure) for figure in FIGURES[:3]},
-        "two_wheel_lifts": row.lifts,
-        "limit_cycles": row.cycles,
-        "worst": row.worst,
-    }

@@ -115,10 +115,10 @@ def test_saved_runs_are_compared_as_driven_ones(tmp_path, capsys, monkeypatch):
 
 @pytest.mark.slow
 def test_one_run_alone_has_its_numbers_and_processes_change_nothing(capsys):
-    """A run has its number among all words, saved or not; of a sweep law by law."""
+    """A run has its number among all words, saved or not; over speeds law by law."""
     for command in (
         ["compare", "lqr", "smc", "law=lqr,bus=125k_busy", "--duration", "1"],
-        ["sweep", "--law", "lqr,smc", "--speed", "60:80:20"],
+        ["compare", "lqr", "smc", "--speed", "60:80:20"],
     ):
         told = []
         for options in (["--jobs", "2"], ["--jobs", "1"], ["--only", "2"]):
@@ -136,14 +136,14 @@ def test_another_car_is_told(capsys, tmp_path, monkeypatch):
     assert "law=lqr,vehicle=van_real differs in vehicle" in capsys.readouterr().out
 
 
-def test_sweep_over_speeds_and_laws(tmp_path, capsys):
-    arguments = ["sweep", "--speed", "60:80:20", "--law", "lqr,ay_feedforward"]
+def test_laws_are_compared_over_speeds(tmp_path, capsys):
+    arguments = ["compare", "lqr", "ay_feedforward", "--speed", "60:80:20"]
     assert main([*arguments, "--out", str(tmp_path)]) == 0
     assert "lqr (deg)" in capsys.readouterr().out
-    data = json.loads((tmp_path / "sweep.json").read_text())
+    data = json.loads((tmp_path / "comparison.json").read_text())
     assert [run["speed_kmh"] for run in data["laws"]["lqr"]] == [60, 80]
     assert all(run["helps"] for runs in data["laws"].values() for run in runs)
-    assert "60 to 80 km/h" in (tmp_path / "sweep.html").read_text()
+    assert "60 to 80 km/h" in (tmp_path / "comparison.html").read_text()
 
 
 @pytest.mark.parametrize(
@@ -151,9 +151,9 @@ def test_sweep_over_speeds_and_laws(tmp_path, capsys):
     [
         ["compare", "lqr", "lqr"],
         ["compare", "lqq"],
-        ["sweep", "--speed", "fast"],
-        ["sweep", "--law", "lqr,smv"],
-        ["sweep", "nosuch"],
+        ["compare", "--speed", "fast"],
+        ["compare", "lqr", "smv", "--speed", "60:80:20"],
+        ["compare"],
         ["compare", "lqr", "--scenario", "nosuch"],
     ],
 )
@@ -163,10 +163,9 @@ def test_usage_errors(arguments, capsys, tmp_path, monkeypatch):
     assert capsys.readouterr().err.count("\n") == 1
 
 
-@pytest.mark.parametrize("command", ["compare", "sweep"])
 @pytest.mark.parametrize("run", ["law=lqr,vehicle=suv_2020", "mine/calibration.toml"])
-def test_a_changed_vehicle_is_not_overridden_in_silence(command, run, capsys):
-    assert main([command, run, "smc", "--vehicle-set", "plant.sprung_mass=2000"]) == 2
+def test_a_changed_vehicle_is_not_overridden_in_silence(run, capsys):
+    assert main(["compare", run, "smc", "--vehicle-set", "plant.sprung_mass=2000"]) == 2
     assert f"--vehicle-set: {run} has its vehicle already" in capsys.readouterr().err
 
 
@@ -213,8 +212,8 @@ def test_laws_are_compared_from_python():
     assert named.results["mine"].to_json() == alone.to_json()
 
 
-def test_speeds_are_swept_from_python():
-    found = canroll.sweep([60, 80], laws=["lqr"], duration=1.0)
+def test_laws_are_compared_over_speeds_from_python():
+    found = canroll.compare(["lqr"], speeds_kmh=[60, 80], duration=1.0)
     assert found.table.column("speed_kmh") == [60.0, 80.0]
     assert found.table.column("name") == ["lqr at 60 km/h", "lqr at 80 km/h"]
 
@@ -225,13 +224,15 @@ def test_speeds_are_swept_from_python():
         (lambda: canroll.compare([]), "wanted=[]: must be"),
         (lambda: canroll.compare(["name=a,law=lqr", "name=a,law=smc"]), "two runs have one name"),
         (lambda: canroll.compare("lqr"), "wanted='lqr': must be"),
-        (lambda: canroll.sweep(80), "speeds_kmh=80: must be"),
+        (lambda: canroll.compare(["lqr"], speeds_kmh=80), "speeds_kmh=80: must be"),
         (lambda: canroll.compare([1]), "wanted=[1]: must be a list of texts, or a dictionary"),
         (lambda: canroll.compare(["lqr"], duration="2"), "duration='2': must be a number"),
-        (lambda: canroll.sweep([80], laws=()), "laws=(): must be"),
-        (lambda: canroll.sweep(np.array([])), "must be a list with at least one entry"),
-        (lambda: canroll.sweep(["80"]), "speeds_kmh=['80']: must be a list of numbers"),
-        (lambda: canroll.sweep([80], laws=[1]), "laws=[1]: must be a list of texts"),
+        (lambda: canroll.compare(["lqr"], speeds_kmh=np.array([])), "at least one entry"),
+        (lambda: canroll.compare(["lqr"], speeds_kmh=["80"]), "must be a list of numbers"),
+        (
+            lambda: canroll.compare(["law=lqr,speed=80"], speeds_kmh=[60]),
+            "law=lqr,speed=80: it has its speed",
+        ),
         (lambda: canroll.campaign(jobs="2"), "jobs='2': must be a whole number"),
         (lambda: canroll.campaign(seed=1.5), "seed=1.5: must be a whole number"),
         (lambda: canroll.campaign(seed=-1), "seed -1: must be 0 to"),
@@ -244,7 +245,7 @@ def test_speeds_are_swept_from_python():
         (lambda: canroll.severe(speed_kmh=80), "speed_kmh: does not apply to several"),
         (lambda: canroll.margins(3), "calibration=3: must be a LoadedCalibration, a text, or"),
         (lambda: canroll.plot(3), "result=3: must be a Result"),
-        (lambda: canroll.sweep([80], speed=3), "speed"),
+        (lambda: canroll.compare(["lqr"], speed=3), "speed"),
         (lambda: canroll.campaign(jobs=0), "jobs=0: must be at least 1"),
         (lambda: canroll.campaign(spread={"mass": 0.1}), "mass"),
         (lambda: canroll.campaign(spread={"sprung_mass": "much"}), "spread sprung_mass=much"),
