@@ -9,18 +9,17 @@ from canroll.cli.parser import refuse
 from canroll.errors import CanrollError, VerdictError
 from canroll.report import signal_files
 from canroll.report.staging import check_parent
-from canroll.runs import conditions, logs, phase
+from canroll.runs import logs, phase
+from canroll.runs.experiment import world_options
+from canroll.runs.result import Settings
 from canroll.setup.bus_frames import firmware_of, profile_of
 from canroll.setup.choices import chosen
-from canroll.setup.keys import secret_of
 from hil import lockstep, own_bus, plant_loop, plant_record, process, warm
 from hil.bus_link import Link, open_link
 from hil.hardware import bus_record, lasting
 from hil.hardware.bus_options import has_bus, parsed_options
 from hil.hardware.interfaces import is_loopback
 from hil.plant_loop import PlantOutcome
-from plant_sim.driving import maneuvers
-from plant_sim.faults import parse_all
 from plant_sim.world.fault_parts import outages
 from plant_sim.world.world import World
 
@@ -178,29 +177,13 @@ def world_of(args: argparse.Namespace, memory: lasting.LastingCounts = lasting.F
     """
     choices = choices_of(args)
     vehicle = vehicles.load(chosen(choices, "vehicle"))
-    speed = None if args.speed_kmh is None else args.speed_kmh / 3.6
-    seed = chosen(choices, "seed")
-    sensors, actuators = conditions.options(choices.get("conditions", {}))
-    profile = profile_of(choices)
-    faults = parse_all(conditions.fault_texts(choices))
-    if outages(faults):
-        raise CanrollError(lockstep.POWER)
-    return World(
-        vehicle=vehicle,
-        body=chosen(choices, "plant"),
-        actuator=chosen(choices, "actuator"),
-        command=args.command_message,
-        maneuver=maneuvers.build(args.scenario, vehicle, speed, seed, **choices.get("options", {})),
-        profile=profile,
-        seed=seed,
-        enabled=not args.passive,
-        sensors=sensors,
-        actuators=actuators,
-        faults=faults,
-        key=secret_of(choices),
-        starts=memory.starts + 1,
-        ecu_starts=memory.senders.get(ECU, 0),
+    settings = Settings.of(
+        choices, scenario=args.scenario, vehicle=vehicle, command=args.command_message
     )
+    options = world_options(settings, enabled=not args.passive)
+    if outages(options["faults"]):
+        raise CanrollError(lockstep.POWER)
+    return World(**options, starts=memory.starts + 1, ecu_starts=memory.senders.get(ECU, 0))
 
 
 def _link(args: argparse.Namespace) -> Link:

@@ -25,6 +25,7 @@ from canroll.report.tables import (
 from canroll.report.workbench import workbench
 from canroll.runs.result import Result
 from canroll.runs.trace import Trace
+from canroll.setup.delay import RUN_TIME
 from canroll.typing import Vector
 from hil.timing_rows import QUANTILES, ROWS, bus_lines
 from plant_sim.bodies.ports import WHEELS
@@ -95,8 +96,8 @@ def parameters(result: Result) -> list[tuple[str, str]]:
         ("law", settings.law_name),
         ("observer", settings.observer),
         ("bus", settings.bus_name),
-        ("loop", f"every {settings.tick * 1e3:g} ms, frames after {settings.run_time * 1e6:g} µs"),
-        ("commands", "event-triggered" if settings.trigger == "event" else "every tick"),
+        ("loop", f"every {settings.tick * 1e3:g} ms, frames after {RUN_TIME * 1e6:g} µs"),
+        ("commands", "event-triggered" if result.record.event_trigger else "every tick"),
         ("firmware run by", settings.backend),
         ("seed", str(settings.seed)),
         (

@@ -16,15 +16,14 @@ from canroll.runs import limit_cycle, metrics, phase, standard, steering_replay
 from canroll.runs.limit_cycle import LimitCycle
 from canroll.runs.result import Result, Settings
 from canroll.runs.trace import Trace
-from canroll.runs.virtual_time import RUN_TIME_NS, closed_loop
+from canroll.runs.virtual_time import closed_loop
 from canroll.setup.bus_frames import check_frames, names_of, profile_of
-from canroll.setup.choice import as_text, one_or_several
 from canroll.setup.choices import PASSIVE, Choices, check, chosen
 from canroll.setup.controller import COMMAND_TIMEOUT, PreparedController, prepare
 from canroll.setup.delay import sample_to_force
 from canroll.setup.keys import refuse_useless_key
 from canroll.typing import Progress
-from codegen.run.backends import default_backend, open_backend
+from codegen.run.backends import open_backend
 from firmware.calibration import ONE
 from firmware.state import SAFE
 from gain_gen.models.task import Delay
@@ -39,6 +38,8 @@ from plant_sim.world.world_parts import check_body
 
 AT_THE_LIMIT = ("fishhook", "j_turn", "sine_with_dwell", "moose")
 """Manoeuvres made to find the limit of tyres and wheel loads."""
+OF_THE_CONTROLLER = ("law", "actuator", "observer", "tick", "command", "stage")
+"""Settings that a calibration fixes."""
 
 
 @checked
@@ -69,15 +70,14 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, PreparedC
     check(choices)
     if scenario not in MANEUVERS:
         raise UnknownNameError("scenario", scenario, MANEUVERS)
-    speed_kmh, backend = choices.get("speed_kmh"), choices.get("backend")
-    options, conditions = choices.get("options") or {}, choices.get("conditions") or {}
     # reject invalid input before any slow work
+    speed_kmh, options = choices.get("speed_kmh"), choices.get("options") or {}
     speed = None if speed_kmh is None else speed_kmh / 3.6
     maneuvers.check_inputs(scenario, speed, dict(options))
     profile = profile_of(choices)
     refuse_useless_key(choices, profile)
-    faults = conditions_of.fault_texts(choices)
-    conditions_of.options(conditions)
+    conditions_of.fault_texts(choices)
+    conditions_of.options(choices.get("conditions"))
     plant = body(chosen(choices, "plant"))
     check_body(plant, chosen(choices, "actuator"))
     if "friction" in options and not plant.friction:
@@ -86,53 +86,34 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, PreparedC
             "omit it, or choose --plant nonlinear"
         )
     controller = prepare(choices)
-    vehicle, warnings = controller.vehicle, check_frames(profile, controller.record)
-    other = choices.get("plant_vehicle")
+    vehicle, warnings = controller.vehicle, [*check_frames(profile, controller.record)]
+    other, phase_ms = choices.get("plant_vehicle"), choices.get("phase_ms")
     if other is not None:
         vehicle = vehicles.load(other)
-        warnings = (
-            *warnings,
+        warnings.append(
             f"{controller.law} is designed for {controller.vehicle.name} and drives "
-            f"{vehicle.name}: its margins and checks are those of {controller.vehicle.name}",
+            f"{vehicle.name}: its margins and checks are those of {controller.vehicle.name}"
         )
-    warnings = (*warnings, *plant.left_out(vehicle))
-    controller = replace(controller, warnings=(*controller.warnings, *warnings))
-    seed = chosen(choices, "seed")
-    maneuver = maneuvers.build(scenario, vehicle, speed, seed, **options)
-    controller = replace(controller, warnings=(*controller.warnings, *maneuver.remarks))
+    maneuver = maneuvers.build(scenario, vehicle, speed, chosen(choices, "seed"), **options)
+    warnings += [*plant.left_out(vehicle), *maneuver.remarks]
     if plant.lacks:
-        lacking = f"{plant.name} has no {', '.join(plant.lacks)}: "
-        lacking += "pitch and heave are 0 then, figures of the others left out"
-        controller = replace(controller, warnings=(*controller.warnings, lacking))
-    settings = Settings(
+        warnings.append(
+            f"{plant.name} has no {', '.join(plant.lacks)}: pitch and heave are 0 then, figures of "
+            "the others left out"
+        )
+    settings = Settings.of(
+        choices,
         scenario=scenario,
         vehicle=vehicle,
-        law=controller.law,
-        actuator=controller.actuator,
-        command=controller.command,
-        observer=controller.observer,
-        plant=chosen(choices, "plant"),
-        bus=chosen(choices, "bus"),
-        backend=backend or default_backend(),
-        trigger=controller.trigger,
-        seed=seed,
         speed=maneuver.speed,
-        tick=controller.tick,
-        run_time=RUN_TIME_NS * 1e-9,
-        options=tuple(sorted(options.items())),
-        faults=faults,
-        conditions=tuple(sorted(conditions.items())),
-        dbc=one_or_several(choices.get("dbc")),
-        map=as_text(choices.get("map")),
         plant_vehicle=None if other is None else vehicle.reference,
         designed_for=controller.vehicle.name,
-        key=as_text(choices.get("key")),
-        stage=controller.stage,
-        phase=None if choices.get("phase_ms") is None else 1e-3 * float(choices["phase_ms"] or 0),
+        phase=None if phase_ms is None else 1e-3 * phase_ms,
+        **{name: getattr(controller, name) for name in OF_THE_CONTROLLER},
     )
     if settings.phase is not None:
         phase.checked_cycle_ns(round(settings.tick * 1e9), round(settings.phase * 1e9))
-    return settings, controller
+    return settings, replace(controller, warnings=(*controller.warnings, *warnings))
 
 
 def simulate(

@@ -1,23 +1,25 @@
 """Result of a run: traces, figures, settings, and the object that ``--json`` prints."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from canroll.errors import optional
 from canroll.reaction.reaction import Reaction
+from canroll.runs.conditions import fault_texts
 from canroll.runs.limit_cycle import LimitCycle
 from canroll.runs.metrics import BY_KEY, NUMBERS, Can, Metrics, Trigger
 from canroll.runs.phase import Phase
 from canroll.runs.standard import Standard, StandardOutcome
 from canroll.runs.trace import Trace
 from canroll.setup.bus_frames import firmware_of
-from canroll.setup.choice import one_or_several
-from canroll.setup.choices import CHOICES
+from canroll.setup.choice import as_text, one_or_several
+from canroll.setup.choices import CHOICES, chosen
 from canroll.setup.keys import secret_of
 from codegen.generated.own_stage import OwnStage
+from codegen.run.backends import default_backend
 from codegen.run.bus_firmware import BusFirmware
 from dbc.reader import file_names, paths_of
 from firmware.calibration import Calibration
@@ -39,14 +41,14 @@ SHOWN = ("roll_max_deg", "nlt_front_max", "nlt_rear_max")
 class Settings:
     """Settings of a run.
 
-    ``speed`` in m/s, ``tick``, ``run_time`` and ``phase`` in s (phase None: that of clocks that
-    start together); ``command``: the message that commands the actuators; ``options`` of the
-    manoeuvre; ``faults`` and ``conditions`` of sensors and actuators as
-    :func:`canroll.runs.conditions.options` reads them; ``dbc`` (one file or several) and ``map``:
-    the frames on the bus, None for those of the contract or the network's own; ``key``: the file
-    of the key, None for the development key; ``stage``: a user's stage of the loop.
-    ``vehicle`` is driven; ``plant_vehicle`` is its name or file if it is not the one the
-    controller was designed for, else None; ``designed_for`` is the name of that one.
+    ``speed`` in m/s, ``tick`` and ``phase`` in s (phase None: that of clocks that start together);
+    ``command``: the message that commands the actuators; ``options`` of the manoeuvre; ``faults``
+    and ``conditions`` of sensors and actuators as :func:`canroll.runs.conditions.options` reads
+    them; ``dbc`` (one file or several) and ``map``: the frames on the bus, None for those of the
+    contract or the network's own; ``key``: the file of the key, None for the development key;
+    ``stage``: a user's stage of the loop. ``vehicle`` is driven; ``plant_vehicle`` is its name or
+    file if it is not the one the controller was designed for, else None; ``designed_for`` is the
+    name of that one.
     """
 
     scenario: str
@@ -58,11 +60,9 @@ class Settings:
     plant: str
     bus: str
     backend: str
-    trigger: str
     seed: int
     speed: float
     tick: float
-    run_time: float
     options: tuple[tuple[str, Any], ...] = ()
     faults: tuple[str, ...] = ()
     conditions: tuple[tuple[str, Any], ...] = ()
@@ -135,23 +135,26 @@ class Settings:
 
     @classmethod
     def of(cls, choices: Mapping[str, Any], **others: Any) -> "Settings":  # noqa: ANN401
-        """Return the settings from the result of :meth:`choices` and the ``others``.
+        """Return the settings of a run's choices; the ``others`` stand instead of theirs.
 
         Raises:
-            KeyError: a choice is missing.
+            CanrollError: an invalid fault.
         """
+        given = {name: chosen(choices, name) for name in SAVED}
+        speed_kmh, tick_ms = given.pop("speed_kmh"), given.pop("tick_ms")
         own = {
-            "designed_for": choices["vehicle"],
-            "speed": choices["speed_kmh"] / 3.6,
-            "tick": 1e-3 * choices["tick_ms"],
-            "options": tuple(choices["options"].items()),
-            "faults": tuple(choices["faults"]),
-            "conditions": tuple(choices["conditions"].items()),
-            "dbc": one_or_several(choices["dbc"]),
+            "designed_for": given["vehicle"],
+            "backend": given["backend"] or default_backend(),
+            "speed": None if speed_kmh is None else speed_kmh / 3.6,
+            "tick": 1e-3 * tick_ms,
+            "options": tuple(sorted((given["options"] or {}).items())),
+            "faults": fault_texts(choices),
+            "conditions": tuple(sorted((given["conditions"] or {}).items())),
+            "dbc": one_or_several(given["dbc"]),
+            "map": as_text(given["map"]),
+            "key": as_text(given["key"]),
         }
-        names = {entry.name for entry in fields(cls)} - own.keys() - others.keys()
-        same = {name: choices[name] for name in SAVED if name in names}
-        return cls(**own, **same, **others)
+        return cls(**{**given, **own, **others})
 
 
 @dataclass(frozen=True, slots=True, repr=False)

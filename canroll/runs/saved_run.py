@@ -18,7 +18,6 @@ from canroll.runs.experiment import assess
 from canroll.runs.limit_cycle import LimitCycle
 from canroll.runs.result import SAVED, Result, Settings
 from canroll.runs.trace import Trace
-from canroll.runs.virtual_time import RUN_TIME_NS
 from canroll.setup.controller import COMMANDS, PreparedController
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
@@ -112,13 +111,11 @@ def load(folder: Path) -> Result:
         raise CanrollError(
             f"{folder}: {RESULT}, {TRACE} and {CALIBRATION} come from different runs"
         )
+    controller = PreparedController(
+        settings.vehicle, settings.law, settings.actuator, loaded.record, loaded.tables, ()
+    )
     result = assess(
-        settings,
-        _controller(settings, loaded),
-        passive,
-        traces["controlled"],
-        traces["replay"],
-        cycle=cycle,
+        settings, controller, passive, traces["controlled"], traces["replay"], cycle=cycle
     )
     return replace(result, timing=timing, **fields)
 
@@ -166,22 +163,6 @@ def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:
         scenario=data["scenario"],
         vehicle=vehicle,
         command=COMMANDS[loaded.record.actuator],
-        trigger="event" if loaded.record.event_trigger else "every",
-        run_time=RUN_TIME_NS * 1e-9,
         phase=None if phase is None else 1e-3 * phase,
         stage=loaded.stage,
-    )
-
-
-def _controller(settings: Settings, loaded: LoadedCalibration) -> PreparedController:
-    return PreparedController(
-        vehicle=settings.vehicle,
-        law=settings.law,
-        actuator=settings.actuator,
-        observer=settings.observer,
-        trigger=settings.trigger,
-        tick=settings.tick,
-        record=loaded.record,
-        tables=loaded.tables,
-        warnings=(),
     )

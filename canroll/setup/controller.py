@@ -50,12 +50,19 @@ class PreparedController:
     vehicle: Vehicle
     law: str
     actuator: str
-    observer: str
-    trigger: str
-    tick: float
     record: Calibration
     tables: Mapping[str, Any]
     warnings: tuple[str, ...]
+
+    @property
+    def observer(self) -> str:
+        """The roll observer; "" in the files of a user without one."""
+        return str(self.tables["design"].get("observer", ""))
+
+    @property
+    def tick(self) -> float:
+        """Period of the loop, s."""
+        return float(self.tables["design"]["tick_s"])
 
     @property
     def stage(self) -> OwnStage | None:
@@ -267,17 +274,8 @@ def _designed(choices: Mapping[str, Any]) -> PreparedController:
     task = task_of(choices)
     options = options_of(choices, task.vehicle)
     _, record, tables = calibrated(law, task, options)
-    return PreparedController(
-        vehicle=task.vehicle,
-        law=law,
-        actuator=task.actuator,
-        observer=task.observer,
-        trigger=chosen(choices, "trigger"),
-        tick=task.tick,
-        record=record,
-        tables=tables,
-        warnings=tuple(tables["design"]["warnings"]),
-    )
+    warnings = tuple(tables["design"]["warnings"])
+    return PreparedController(task.vehicle, law, task.actuator, record, tables, warnings)
 
 
 def calibrated(
@@ -321,9 +319,6 @@ def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> Prepa
         vehicle=vehicle,
         law=choices.get("law") or calibration.law,
         actuator=calibration.actuator,
-        observer=str(calibration.tables["design"].get("observer", "")),
-        trigger="event" if calibration.record.event_trigger else "every",
-        tick=calibration.tick,
         record=calibration.record,
         tables=calibration.tables,
         warnings=(*warnings, *(line for line in (beyond, note) if line)),

@@ -209,7 +209,7 @@ def runs(
     drivers: list[tuple[Settings, PreparedController]] = []
     places = []
     for settings, controller in planned:
-        same = replace(settings, law="", observer="", trigger="")
+        same = replace(settings, law="", observer="")
         if same not in alone:
             alone.append(same)
             drivers.append((settings, controller))

@@ -58,7 +58,7 @@ def test_settings_are_read_as_they_were_written(both, saved):
     data = both.settings.choices() | {"dbc": saved}
     others = {
         name: getattr(both.settings, name)
-        for name in ("scenario", "vehicle", "command", "trigger", "run_time", "phase", "stage")
+        for name in ("scenario", "vehicle", "command", "phase", "stage")
     }
     settings = Settings.of(data, **others)
     assert settings.dbc == (tuple(saved) if isinstance(saved, list) else saved)
