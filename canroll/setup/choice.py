@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import inf
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -89,6 +89,8 @@ class Choice:
                 if suffixes:
                     raise CanrollError(f"{value}: the file of a {self.word} ends in {suffixes}")
             raise UnknownNameError(self.word, value, known)
+        if self.kind is float and not isfinite(value):
+            raise CanrollError(f"{self.word} {value:g}: must be finite")
         if self.kind in (float, int) and not self.low <= value <= self.high:
             unit = f" {self.unit}" if self.unit else ""
             allowed = f"{self.low:.10g} to {self.high:.10g}"

@@ -263,35 +263,12 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
 
 def _choices(table: Mapping[str, Any], where: str) -> dict[str, Any]:
     """Return the choices of the run, each checked."""
-    choices = {}
     known = [name for name in CHOICES if name not in OWN]
     for name, value in table.items():
         if name not in known:
             raise UnknownNameError(f"key of {where}", name, known)
-        choice = CHOICES[name]
-        kinds, word = _KINDS[choice.kind]
-        if choice.repeated and isinstance(value, list):
-            for item in value:
-                if not isinstance(item, str):
-                    raise CanrollError(f"{where} {name}: {item!r} is not {word}")
-        elif not isinstance(value, kinds) or (choice.kind is not bool and isinstance(value, bool)):
-            raise CanrollError(f"{where} {name}: {value!r} is not {word}")
-        if choice.kind is float and not is_number(value):
-            raise CanrollError(f"{where} {name}: {value!r} must be finite")
-        choice.check_in_file(value, f"{where} {name}")
-        choices[name] = value
-    return choices
-
-
-_KINDS: dict[type, tuple[tuple[type, ...], str]] = {
-    str: ((str,), "a text"),
-    Path: ((str,), "a text"),
-    float: ((int, float), "a number"),
-    int: ((int,), "a whole number"),
-    bool: ((bool,), "true or false"),
-    Mapping: ((dict,), "a table"),
-}
-"""Types of a choice's value in a file, and what they are called."""
+        CHOICES[name].check_in_file(value, f"{where} {name}")
+    return dict(table)
 
 
 def _faults(table: Mapping[str, Any], where: str) -> Discrete:
