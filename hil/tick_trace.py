@@ -6,7 +6,6 @@ into memory allocated beforehand, which is moved to a spool when it is full; the
 after the run.
 """
 
-import json
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -16,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll import documents
 from canroll.errors import UNREADABLE, CanrollError, reason, writing
+from canroll.runs import archived
 from canroll.runs.trace import TICK, record_tick
 from codegen.run.backends import Backend
 from codegen.run.bus_firmware import BusFirmware, built_in
@@ -26,8 +25,6 @@ from codegen.run.services import open_ecu
 from dbc.keys import DEVELOPMENT_KEY
 from firmware.calibration import Calibration
 from firmware.security.secoc_state import RESET_MAX
-from firmware.subset import fields
-from gain_gen.calibration.record import fill
 from hil.bus_link import Frame
 from hil.hardware.bus_record import ENTRY
 from plant_sim.world import archive
@@ -157,19 +154,8 @@ def save(path: Path, trace: TickTrace) -> None:
     Raises:
         CanrollError: the file cannot be written.
     """
-    integers = {field.name: getattr(trace.calibration, field.name) for field in fields(Calibration)}
     with writing(path):
-        archive.write(
-            path,
-            {
-                "ticks": trace.ticks,
-                "frames": trace.frames,
-                "bus": trace.bus,
-                "calibration": np.array(json.dumps(integers)),
-                "about": np.array(json.dumps(dict(trace.about))),
-            },
-            compressed=True,
-        )
+        archive.write(path, archived.entries(trace), compressed=True)
 
 
 def load(path: Path) -> TickTrace:
@@ -180,13 +166,7 @@ def load(path: Path) -> TickTrace:
     """
     try:
         with archive.Archive(path) as stored:
-            return TickTrace(
-                calibration=fill(documents.parse_json(str(stored.array("calibration")))),
-                ticks=stored.array("ticks"),
-                frames=stored.array("frames"),
-                about=documents.parse_json(str(stored.array("about"))),
-                bus=stored.array("bus") if "bus" in stored else np.zeros(0, ENTRY),
-            )
+            return archived.read(TickTrace, stored)
     except OSError as error:
         raise CanrollError(f"cannot read {path}: {reason(error)}") from error
     except UNREADABLE as error:

@@ -2,14 +2,16 @@
 
 import argparse
 
+import numpy as np
+
 import vehicles
 from canroll.cli.ecu import check_memory, nanoseconds, peer_timeout
 from canroll.cli.options import choices_of
 from canroll.cli.parser import refuse
-from canroll.errors import CanrollError, VerdictError
+from canroll.errors import CanrollError, VerdictError, writing
 from canroll.report import signal_files
 from canroll.report.staging import check_parent
-from canroll.runs import logs, phase
+from canroll.runs import archived, logs, phase
 from canroll.runs.experiment import world_options
 from canroll.runs.result import Settings
 from canroll.setup.bus_frames import firmware_of, profile_of
@@ -20,6 +22,7 @@ from hil.hardware import bus_record, lasting
 from hil.hardware.bus_options import has_bus, parsed_options
 from hil.hardware.interfaces import is_loopback
 from hil.plant_loop import PlantOutcome
+from plant_sim.world import archive
 from plant_sim.world.fault_parts import outages
 from plant_sim.world.world import World
 
@@ -95,9 +98,17 @@ def run(args: argparse.Namespace) -> int:
                 "bus": bus_record.about_of(link.record),
                 "not_authentic": world.refused,
             }
-            plant_record.save(
-                args.record, world, outcome, about, bus_record.entries_of(link.record)
+            record = plant_record.PlantRecord(
+                signals=world.signals,
+                frames=world.frames,
+                ages=world.ages,
+                commands=np.asarray(world.commands),
+                loop=outcome.loop,
+                about=about,
+                bus=bus_record.entries_of(link.record),
             )
+            with writing(args.record):
+                archive.write(args.record, archived.entries(record), compressed=False)
         if args.log is not None:
             logs.write_log(args.log, world.frames)
         if args.signals is not None:

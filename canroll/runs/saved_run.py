@@ -9,11 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import vehicles
 from canroll import documents
 from canroll.errors import UNREADABLE, CanrollError, reason, writing
+from canroll.runs import archived
 from canroll.runs.experiment import assess
 from canroll.runs.limit_cycle import LimitCycle
 from canroll.runs.result import SAVED, Result, Settings
@@ -25,7 +24,6 @@ from plant_sim.bodies import BODIES
 from plant_sim.buses import BUSES
 from plant_sim.driving import MANEUVERS
 from plant_sim.world import archive
-from plant_sim.world.spool import Rows, as_columns
 
 RESULT = "result.json"
 TRACE = "trace.npz"
@@ -52,15 +50,8 @@ def save_traces(path: Path, result: Result) -> Path:
     entries: dict[str, archive.Entry] = {}
     for run in RUNS:
         trace: Trace | None = getattr(result, run)
-        if trace is None:
-            continue
-        entries[f"{run}/signal_names"] = np.array(list(trace.signals))
-        entries[f"{run}/signals"] = as_columns(trace.signals)
-        for name in ("frames", "ages", "ticks", "duration", "complete"):
-            value = getattr(trace, name)
-            entries[f"{run}/{name}"] = value if isinstance(value, Rows) else np.asarray(value)
-        if trace.refused is not None:
-            entries[f"{run}/refused"] = np.array(trace.refused)
+        if trace is not None:
+            entries |= archived.entries(trace, f"{run}/")
     with writing(path):
         archive.write(path, entries, compressed=True)
     return path
@@ -94,7 +85,11 @@ def load(folder: Path) -> Result:
         if changed:
             raise CanrollError(f"{folder}: {', '.join(changed)} changed since the run was written")
         with archive.Archive(folder / TRACE) as stored:
-            traces = {run: _trace(stored, run) for run in RUNS}
+            traces = {
+                run: archived.read(Trace, stored, f"{run}/")
+                for run in RUNS
+                if f"{run}/signals" in stored
+            }
         loaded = calibration_file.load(folder / CALIBRATION)
         settings = _settings(data, loaded)
         note = vehicles.note_of_change(settings.vehicle, "run")
@@ -106,7 +101,7 @@ def load(folder: Path) -> Result:
         cycle = None if oscillation is None else LimitCycle(**oscillation)
     except UNREADABLE as error:
         raise CanrollError(f"{folder}: cannot read the saved run: {reason(error)}") from error
-    passive = traces["passive"]
+    passive, controlled, replayed = map(traces.get, RUNS)
     if passive is None or known != loaded.record.id:
         raise CanrollError(
             f"{folder}: {RESULT}, {TRACE} and {CALIBRATION} come from different runs"
@@ -114,9 +109,7 @@ def load(folder: Path) -> Result:
     controller = PreparedController(
         settings.vehicle, settings.law, settings.actuator, loaded.record, loaded.tables, ()
     )
-    result = assess(
-        settings, controller, passive, traces["controlled"], traces["replay"], cycle=cycle
-    )
+    result = assess(settings, controller, passive, controlled, replayed, cycle=cycle)
     return replace(result, timing=timing, **fields)
 
 
@@ -124,28 +117,6 @@ def digest(path: Path) -> str:
     """Return the SHA-256 of a file, in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _trace(stored: archive.Archive, run: str) -> Trace | None:
-    if f"{run}/signals" not in stored:
-        return None
-    names = stored.array(f"{run}/signal_names")
-    return Trace(
-        signals=stored.signals(f"{run}/signals", map(str, names)),
-        frames=stored.rows(f"{run}/frames"),
-        ages=stored.array(f"{run}/ages"),
-        ticks=stored.rows(f"{run}/ticks"),
-        duration=float(stored.array(f"{run}/duration")),
-        complete=bool(stored.array(f"{run}/complete")),
-        refused=_refused(stored, f"{run}/refused"),
-    )
-
-
-def _refused(stored: archive.Archive, name: str) -> tuple[int, int] | None:
-    if name not in stored:
-        return None
-    ecu, actuators = stored.array(name).tolist()
-    return ecu, actuators
 
 
 def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:
