@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import reading
-from canroll.runs import archived
+from canroll.runs.trace import Signals, restored
 from hil.hardware.bus_record import ENTRY
 from plant_sim.world import archive
 from plant_sim.world.spool import Table
@@ -23,7 +23,7 @@ class PlantRecord:
     everything on the real bus (:data:`hil.hardware.bus_record.ENTRY`).
     """
 
-    signals: Mapping[str, NDArray[np.float64]]
+    signals: Signals
     frames: Table
     ages: NDArray[np.int64]
     commands: NDArray[np.void]
@@ -39,4 +39,4 @@ def load(path: Path) -> PlantRecord:
         CanrollError: it cannot be read.
     """
     with reading(path), archive.Archive(path) as stored:
-        return archived.read(PlantRecord, stored)
+        return restored(PlantRecord, stored)

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import UNREADABLE, CanrollError, reason, writing
-from canroll.runs import archived
-from canroll.runs.trace import TICK, record_tick
+from canroll.runs.trace import TICK, entries, record_tick, restored
 from codegen.run.backends import Backend
 from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.secured import NEW, Lasting
@@ -155,7 +154,7 @@ def save(path: Path, trace: TickTrace) -> None:
         CanrollError: the file cannot be written.
     """
     with writing(path):
-        archive.write(path, archived.entries(trace), compressed=True)
+        archive.write(path, entries(trace), compressed=True)
 
 
 def load(path: Path) -> TickTrace:
@@ -166,7 +165,7 @@ def load(path: Path) -> TickTrace:
     """
     try:
         with archive.Archive(path) as stored:
-            return archived.read(TickTrace, stored)
+            return restored(TickTrace, stored)
     except OSError as error:
         raise CanrollError(f"cannot read {path}: {reason(error)}") from error
     except UNREADABLE as error:

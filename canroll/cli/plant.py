@@ -11,9 +11,10 @@ from canroll.cli.parser import refuse
 from canroll.errors import CanrollError, VerdictError, writing
 from canroll.report import signal_files
 from canroll.report.staging import check_parent
-from canroll.runs import archived, logs, phase
+from canroll.runs import logs, phase
 from canroll.runs.experiment import world_options
 from canroll.runs.result import Settings
+from canroll.runs.trace import entries
 from canroll.setup.bus_frames import firmware_of, profile_of
 from canroll.setup.choices import chosen
 from hil import lockstep, own_bus, plant_loop, plant_record, process, warm
@@ -108,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
                 bus=bus_record.entries_of(link.record),
             )
             with writing(args.record):
-                archive.write(args.record, archived.entries(record), compressed=False)
+                archive.write(args.record, entries(record), compressed=False)
         if args.log is not None:
             logs.write_log(args.log, world.frames)
         if args.signals is not None:

@@ -12,11 +12,10 @@ from typing import Any
 import vehicles
 from canroll import documents
 from canroll.errors import UNREADABLE, CanrollError, reason, writing
-from canroll.runs import archived
 from canroll.runs.experiment import assess
 from canroll.runs.limit_cycle import LimitCycle
 from canroll.runs.result import SAVED, Result, Settings
-from canroll.runs.trace import Trace
+from canroll.runs.trace import Trace, entries, restored
 from canroll.setup.controller import COMMANDS, PreparedController
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
@@ -47,13 +46,13 @@ def save_traces(path: Path, result: Result) -> Path:
     Raises:
         CanrollError: it cannot be written.
     """
-    entries: dict[str, archive.Entry] = {}
+    made: dict[str, archive.Entry] = {}
     for run in RUNS:
         trace: Trace | None = getattr(result, run)
         if trace is not None:
-            entries |= archived.entries(trace, f"{run}/")
+            made |= entries(trace, f"{run}/")
     with writing(path):
-        archive.write(path, entries, compressed=True)
+        archive.write(path, made, compressed=True)
     return path
 
 
@@ -86,7 +85,7 @@ def load(folder: Path) -> Result:
             raise CanrollError(f"{folder}: {', '.join(changed)} changed since the run was written")
         with archive.Archive(folder / TRACE) as stored:
             traces = {
-                run: archived.read(Trace, stored, f"{run}/")
+                run: restored(Trace, stored, f"{run}/")
                 for run in RUNS
                 if f"{run}/signals" in stored
             }
