@@ -26,7 +26,7 @@ class StateSpace(Protocol):
     D: Any
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Choice:
     """One choice of a run.
 

@@ -7,6 +7,7 @@ the settings in JSON objects and saved runs, and the command line of the plant i
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, TypedDict, get_args, get_origin, get_type_hints
@@ -34,35 +35,39 @@ WITHOUT_CONTROL = {f"law={PASSIVE}": "--law passive has no control"}
 TINY = 1e-9
 """Smallest accepted value of quantities that must be positive."""
 
+Car = Vehicle | Mapping[str, Any] | Path | str | None
+calibrated = partial(Choice, of=CONTROLLER, frozen_in_calibration=True, saved=False)
+"""A choice that stands in the calibration alone."""
+
 
 class Choices(TypedDict, total=False):
     """Keywords of a run; the default applies where one is omitted or None."""
 
     vehicle: Annotated[
-        Vehicle | Mapping[str, Any] | Path | str | None,
+        Car,
         Choice(
-            option="--vehicle",
-            help="preset or TOML file",
-            of=WORLD,
+            "--vehicle",
+            "preset or TOML file",
+            WORLD,
             default="van_real",
             frozen_in_calibration=True,
         ),
     ]
     plant_vehicle: Annotated[
-        Vehicle | Mapping[str, Any] | Path | str | None,
+        Car,
         Choice(
-            option="--plant-vehicle",
-            help="vehicle to drive, if other than the one the controller is designed for; preset "
-            "or TOML file",
-            of=RUN,
+            "--plant-vehicle",
+            "vehicle to drive, if other than the one the controller is designed for; preset or "
+            "TOML file",
+            RUN,
         ),
     ]
     law: Annotated[
         str | None,
         Choice(
-            option="--law",
-            help="control law",
-            of=CONTROLLER,
+            "--law",
+            "control law",
+            CONTROLLER,
             default="steering_lead",
             values=lambda: (*LAWS, PASSIVE),
             extensible=LAWS,
@@ -72,27 +77,27 @@ class Choices(TypedDict, total=False):
     calibration: Annotated[
         str | Path | None,
         Choice(
-            option="--calibration",
-            help="calibration file written by canroll design, instead of a law",
-            of=CONTROLLER,
+            "--calibration",
+            "calibration file written by canroll design, instead of a law",
+            CONTROLLER,
             saved=False,
         ),
     ]
     stage: Annotated[
         str | Path | None,
         Choice(
-            option="--stage",
-            help="Python file that adds your stage to the loop, in the integer subset",
-            of=CONTROLLER,
+            "--stage",
+            "Python file that adds your stage to the loop, in the integer subset",
+            CONTROLLER,
             saved=False,
         ),
     ]
     actuator: Annotated[
         str | None,
         Choice(
-            option="--actuator",
-            help="actuators of the vehicle",
-            of=WORLD,
+            "--actuator",
+            "actuators of the vehicle",
+            WORLD,
             default="bars",
             values=lambda: ACTUATORS,
             frozen_in_calibration=True,
@@ -101,10 +106,10 @@ class Choices(TypedDict, total=False):
     observer: Annotated[
         str | None,
         Choice(
-            option="--observer",
+            "--observer",
+            "roll observer of the ECU",
+            CONTROLLER,
             excludes=WITHOUT_CONTROL,
-            help="roll observer of the ECU",
-            of=CONTROLLER,
             default="two_sensors",
             values=lambda: OBSERVERS,
             frozen_in_calibration=True,
@@ -113,10 +118,10 @@ class Choices(TypedDict, total=False):
     plant: Annotated[
         str | None,
         Choice(
-            option="--plant",
-            help="simulated vehicle model, or MODEL.fmu with its map (MODEL.toml, or "
+            "--plant",
+            "simulated vehicle model, or MODEL.fmu with its map (MODEL.toml, or "
             "MODEL.fmu#MAP.toml)",
-            of=WORLD,
+            WORLD,
             default="nonlinear",
             values=lambda: BODIES,
             extensible=BODIES,
@@ -125,10 +130,10 @@ class Choices(TypedDict, total=False):
     bus: Annotated[
         str | None,
         Choice(
-            option="--bus",
-            help="bus profile, network (.toml, .dbc, .kcd, .arxml, .sym) or log (.blf, .asc …); "
-            "with several buses or channels FILE#NAME; with the bit rate of a log LOG@RATE",
-            of=WORLD,
+            "--bus",
+            "bus profile, network (.toml, .dbc, .kcd, .arxml, .sym) or log (.blf, .asc …); with "
+            "several buses or channels FILE#NAME; with the bit rate of a log LOG@RATE",
+            WORLD,
             default="500k",
             values=lambda: BUSES,
             extensible=BUSES,
@@ -137,47 +142,45 @@ class Choices(TypedDict, total=False):
     dbc: Annotated[
         Path | Sequence[str | Path] | str | None,
         Choice(
-            option="--dbc",
-            help="DBC, KCD, ARXML or SYM with the frames that carry the signals; requires --map; "
-            "may be repeated",
-            of=WORLD,
+            "--dbc",
+            "DBC, KCD, ARXML or SYM with the frames that carry the signals; requires --map; may "
+            "be repeated",
+            WORLD,
             repeated=True,
         ),
     ]
     map: Annotated[
         Path | str | None,
         Choice(
-            option="--map",
-            help="TOML file that says which signal of --dbc is which field of the ECU",
-            of=WORLD,
+            "--map", "TOML file that says which signal of --dbc is which field of the ECU", WORLD
         ),
     ]
     key: Annotated[
         Path | str | None,
         Choice(
-            option="--key",
-            rare=True,
-            help="file with the key of a bus with authenticated frames; by default the public "
+            "--key",
+            "file with the key of a bus with authenticated frames; by default the public "
             "development key",
-            of=WORLD,
+            WORLD,
+            rare=True,
         ),
     ]
     backend: Annotated[
         str | None,
         Choice(
-            option="--backend",
+            "--backend",
+            "execution of the firmware; native if a C compiler is installed",
+            RUN,
             rare=True,
-            help="execution of the firmware; native if a C compiler is installed",
-            of=RUN,
             values=lambda: BACKENDS,
         ),
     ]
     seed: Annotated[
         int | None,
         Choice(
-            option="--seed",
-            help="random seed of sensor noise, bias, phases and background traffic",
-            of=WORLD,
+            "--seed",
+            "random seed of sensor noise, bias, phases and background traffic",
+            WORLD,
             default=0,
             low=0,
             high=2**31 - 1,
@@ -186,9 +189,9 @@ class Choices(TypedDict, total=False):
     speed_kmh: Annotated[
         float | None,
         Choice(
-            option="--speed",
-            help="entry speed; by default that of the vehicle for the manoeuvre",
-            of=WORLD,
+            "--speed",
+            "entry speed; by default that of the vehicle for the manoeuvre",
+            WORLD,
             unit="km/h",
             low=TINY,
         ),
@@ -196,9 +199,9 @@ class Choices(TypedDict, total=False):
     tick_ms: Annotated[
         float | None,
         Choice(
-            option="--tick",
-            help="period of the ECU loop, in whole µs",
-            of=CONTROLLER,
+            "--tick",
+            "period of the ECU loop, in whole µs",
+            CONTROLLER,
             default=10.0,
             unit="ms",
             low=1,
@@ -209,202 +212,151 @@ class Choices(TypedDict, total=False):
     phase_ms: Annotated[
         float | None,
         Choice(
-            option="--phase",
+            "--phase",
+            "time from the earliest arrival of an Imu frame to a tick; by default drawn from the "
+            "seed",
+            RUN,
             rare=True,
-            help="time from the earliest arrival of an Imu frame to a tick; by default drawn from "
-            "the seed",
-            of=RUN,
             unit="ms",
             saved=False,
         ),
     ]
     trigger: Annotated[
         str | None,
-        Choice(
-            option="--trigger",
+        calibrated(
+            "--trigger",
+            "event-triggered commands, or one every tick",
             rare=True,
-            help="event-triggered commands, or one every tick",
-            of=CONTROLLER,
             default="event",
             values=lambda: TRIGGERS,
-            frozen_in_calibration=True,
-            saved=False,
         ),
     ]
     heartbeat_ms: Annotated[
         float | None,
-        Choice(
-            option="--heartbeat",
+        calibrated(
+            "--heartbeat",
+            "maximum time between commands",
             rare=True,
-            help="maximum time between commands",
-            of=CONTROLLER,
             default=50.0,
             unit="ms",
             low=1,
-            frozen_in_calibration=True,
-            saved=False,
         ),
     ]
     gains: Annotated[
         str | None,
-        Choice(
-            option="--gains",
+        calibrated(
+            "--gains",
+            "computed gains, or those printed in the law's paper",
             excludes=WITHOUT_CONTROL,
             rare=True,
-            help="computed gains, or those printed in the law's paper",
-            of=CONTROLLER,
             default="computed",
             values=lambda: GAINS,
-            frozen_in_calibration=True,
-            saved=False,
         ),
     ]
     matrices: Annotated[
         StateSpace | Mapping[str, Any] | str | Path | None,
-        Choice(
-            option="--matrices",
-            help="file with the gains of --law custom: .toml, .npz or .mat",
-            of=CONTROLLER,
-            frozen_in_calibration=True,
-            saved=False,
-        ),
+        calibrated("--matrices", "file with the gains of --law custom: .toml, .npz or .mat"),
     ]
     unverified: Annotated[
         bool | None,
         Choice(
-            option="--unverified",
-            help="use a design that fails a check, marked, instead of refusing it",
-            of=CONTROLLER,
+            "--unverified",
+            "use a design that fails a check, marked, instead of refusing it",
+            CONTROLLER,
             default=False,
             saved=False,
         ),
     ]
     moment_share: Annotated[
         float | None,
-        Choice(
-            option="--moment-share",
+        calibrated(
+            "--moment-share",
+            "RMS moment over the RMS of the roll moment m h a_y; of steering_lead, by default 0.8",
             excludes=WITHOUT_CONTROL,
             rare=True,
-            help="RMS moment over the RMS of the roll moment m h a_y; of steering_lead, by "
-            "default 0.8",
-            of=CONTROLLER,
             low=TINY,
             high=1.5,
-            frozen_in_calibration=True,
-            saved=False,
         ),
     ]
     feedforward: Annotated[
         bool | None,
-        Choice(
-            option="--no-feedforward",
+        calibrated(
+            "--no-feedforward",
+            "without the disturbance feedforward",
             excludes=WITHOUT_CONTROL,
-            help="without the disturbance feedforward",
-            of=CONTROLLER,
             default=True,
-            frozen_in_calibration=True,
-            saved=False,
         ),
     ]
     identification: Annotated[
         bool | None,
-        Choice(
-            option="--identification",
+        calibrated(
+            "--identification",
+            "identify roll stiffness and damping at run time",
             excludes=WITHOUT_CONTROL,
             rare=True,
-            help="identify roll stiffness and damping at run time",
-            of=CONTROLLER,
             default=False,
-            frozen_in_calibration=True,
-            saved=False,
         ),
     ]
     offset_learning: Annotated[
         bool | None,
-        Choice(
-            option="--learn-offsets",
+        calibrated(
+            "--learn-offsets",
+            "learn the offsets of the sensors while driving straight",
             excludes=WITHOUT_CONTROL,
             rare=True,
-            help="learn the offsets of the sensors while driving straight",
-            of=CONTROLLER,
             default=False,
-            frozen_in_calibration=True,
-            saved=False,
         ),
     ]
     response_watch: Annotated[
         bool | None,
-        Choice(
-            option="--no-watch-response",
+        calibrated(
+            "--no-watch-response",
+            "without the monitors that need the suspension's stroke rates",
             excludes=WITHOUT_CONTROL,
             rare=True,
-            help="without the monitors that need the suspension's stroke rates",
-            of=CONTROLLER,
             default=True,
-            frozen_in_calibration=True,
-            saved=False,
         ),
     ]
     uncertainty: Annotated[
         Mapping[str, Any] | None,
-        Choice(
-            option="--uncertainty",
+        calibrated(
+            "--uncertainty",
+            "half-width of what is not known of car, sensors or road, such as mass=0.05, that the"
+            " monitors allow for; may be repeated",
             rare=True,
-            help="half-width of what is not known of car, sensors or road, such as mass=0.05, that "
-            "the monitors allow for; may be repeated",
-            of=CONTROLLER,
-            frozen_in_calibration=True,
-            saved=False,
         ),
     ]
     options: Annotated[
         Mapping[str, Any] | None,
-        Choice(
-            option="--set",
-            help="option of the manoeuvre, such as friction=0.6; may be repeated",
-            of=WORLD,
-        ),
+        Choice("--set", "option of the manoeuvre, such as friction=0.6; may be repeated", WORLD),
     ]
     faults: Annotated[
         str | Sequence[str] | None,
         Choice(
-            option="--fault",
-            help="what fails: a sensor's signal (Imu.RollRate=stuck@3:5) or message, an actuator "
-            "(front_left=weak:0.3@2), a node, the bus or an attacker, from START to END (s), fully "
-            "after RAMP; 'A + B': together; see docs/faults.md; may be repeated",
-            of=WORLD,
+            "--fault",
+            "what fails: a sensor's signal (Imu.RollRate=stuck@3:5) or message, an actuator "
+            "(front_left=weak:0.3@2), a node, the bus or an attacker, from START to END (s), "
+            "fully after RAMP; 'A + B': together; see docs/faults.md; may be repeated",
+            WORLD,
         ),
     ]
     fault_file: Annotated[
         str | Path | None,
-        Choice(
-            option="--faults",
-            help="TOML file of faults, one in each table [[fault]]",
-            of=WORLD,
-            saved=False,
-        ),
+        Choice("--faults", "TOML file of faults, one in each table [[fault]]", WORLD, saved=False),
     ]
     conditions: Annotated[
         Mapping[str, Any] | None,
         Choice(
-            option="--condition",
-            help="sensors: noise, bias (1: as in the vehicle file), noise_end (s), temperature "
-            "(K above calibration), drift, filtered, delayed, synchronous (on, off), "
-            "phases.MESSAGE (s), lsb.MESSAGE.SIGNAL (SI units); actuators: supply (V), "
-            "oil_temperature (°C), estimate_error, estimate_lag (s); may be repeated",
-            of=WORLD,
+            "--condition",
+            "sensors: noise, bias (1: as in the vehicle file), noise_end (s), temperature (K "
+            "above calibration), drift, filtered, delayed, synchronous (on, off), phases.MESSAGE "
+            "(s), lsb.MESSAGE.SIGNAL (SI units); actuators: supply (V), oil_temperature (°C), "
+            "estimate_error, estimate_lag (s); may be repeated",
+            WORLD,
         ),
     ]
     duration: Annotated[
-        float | None,
-        Choice(
-            option="--duration",
-            help="end of the run",
-            of=RUN,
-            unit="s",
-            low=TINY,
-            saved=False,
-        ),
+        float | None, Choice("--duration", "end of the run", RUN, unit="s", low=TINY, saved=False)
     ]
 
 
