@@ -45,7 +45,7 @@ def show(result: Result) -> None:
         console.print(line, soft_wrap=True, markup=False)
     console.print()
     head = metric_head(result, "passive", "controlled")
-    console.print(columns(console, head, [(row.name, *row.numbers) for row in metric_rows(result)]))
+    console.print(columns(console, head, metric_rows(result)))
     judged = () if result.not_valid else standard.lines(result.standard)
     notes = [text for text in (replay_note(result), *judged) if text]
     if notes:
@@ -70,7 +70,7 @@ def show_bus(result: Result) -> None:
     console = Console(highlight=False, style="dim" if result.not_valid else "")
     head = ("", "least", "mean", "most")
     console.print()
-    console.print(columns(console, head, [(row.name, *row.numbers) for row in can_rows(result)]))
+    console.print(columns(console, head, can_rows(result)))
     trigger = result.trigger
     console.print(
         f"{trigger.sent} commands: {100 * trigger.transmission_rate_triggered:.1f} % of the ticks "

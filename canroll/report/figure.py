@@ -2,7 +2,7 @@
 
 import base64
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -83,16 +83,7 @@ class Series:
 
     def data(self) -> dict[str, object]:
         """Return the data for the page."""
-        return {
-            "name": self.name,
-            "x": pack(self.x),
-            "y": pack(self.y),
-            "colour": self.colour,
-            "dash": self.dash,
-            "kind": self.kind,
-            "width": self.width,
-            "row": self.row,
-        }
+        return _as_dict(self) | {"x": pack(self.x), "y": pack(self.y)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,20 +109,12 @@ class Figure:
 
     def data(self) -> dict[str, object]:
         """Return the data for the page."""
-        return {
-            "id": self.id,
-            "title": self.title,
-            "xlabel": self.xlabel,
-            "ylabel": self.ylabel,
-            "series": [series.data() for series in self.series],
-            "unit": self.unit,
-            "note": self.note,
-            "group": self.group,
-            "linked": self.linked,
-            "equal": self.equal,
-            "zero": self.zero,
-            "levels": list(self.levels),
-        }
+        return _as_dict(self) | {"series": [series.data() for series in self.series]}
+
+
+def _as_dict(record: Series | Figure) -> dict[str, object]:
+    """Return the fields by name, without the copies that dataclasses.asdict makes."""
+    return {field.name: getattr(record, field.name) for field in fields(record)}
 
 
 def histogram(

@@ -156,11 +156,10 @@ def run_page(result: Result) -> str:
     if (note := authentication_note(result)) is not None:
         rates += f" {note[:1].upper()}{note[1:]}."
     head = metric_head(result, "without control", "with control")
-    rows: list[tuple[str | Cell, ...]] = [(row.name, *row.numbers) for row in metric_rows(result)]
     judged = [] if result.not_valid else standard_rows(result)
     reaction = reaction_tables(result)
     tables = [
-        PageTable("Figures", head, rows, f"{NO_ROLL} {replay_note(result)}".strip()),
+        PageTable("Figures", head, metric_rows(result), f"{NO_ROLL} {replay_note(result)}".strip()),
         *([PageTable(result.standard.name, STANDARD_HEAD, judged)] if judged else []),
         *reaction[1:],
         *([timing_table(result.timing)] if result.timing else []),
@@ -168,7 +167,7 @@ def run_page(result: Result) -> str:
     times = PageTable(
         "Times on the bus",
         ("", "least", "mean", "most"),
-        [(row.name, *row.numbers) for row in can_rows(result)],
+        can_rows(result),
         rates,
     )
     scenario = settings.scenario.replace("_", " ")

@@ -1,7 +1,5 @@
 """The figures of a run as rows of tables, for terminal and page alike."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from canroll.reaction.harm import HARMFUL
@@ -11,6 +9,7 @@ from canroll.runs.metrics import NUMBERS
 from canroll.runs.result import Result
 from canroll.runs.standard import limit, measured
 
+Row = tuple[str | Cell, ...]
 NOTHING = Cell("")
 RUN_NAMES = {"passive": "without control", "controlled": "with control"}
 
@@ -19,14 +18,6 @@ WRONG_SIDE = (
     f"than {WRONG_MOMENT:.0f} N·m of it for more than {1e3 * WRONG_TIME:.0f} ms, or roll angle or "
     f"path error over {HARMFUL:g} times those of the passive vehicle."
 )
-
-
-@dataclass(frozen=True, slots=True)
-class NamedRow:
-    """A named row of numbers."""
-
-    name: str
-    numbers: tuple[Cell, ...]
 
 
 def number(value: float | None, digits: int, key: str) -> Cell:
@@ -44,12 +35,12 @@ def change(after: float | None, before: float | None, digits: int) -> Cell:
     return Cell(f"{percent:+d} %".replace("-", "−") if percent else "0 %")
 
 
-def metric_rows(result: Result) -> list[NamedRow]:
+def metric_rows(result: Result) -> list[Row]:
     """Return a row per metric: without control, with control, change, replay, without any roll.
 
     Without a replay its column is omitted, without a path the path errors.
     """
-    rows = []
+    rows: list[Row] = []
     for metric in NUMBERS:
         name, digits = metric.key, metric.digits
         before = getattr(result.passive_metrics, name)
@@ -65,7 +56,7 @@ def metric_rows(result: Result) -> list[NamedRow]:
             cells.append(number(getattr(result.replay_metrics, name), digits, f"replay.{name}"))
         least = result.without_roll.get(name)
         cells.append(number(least, digits, f"without_roll.{name}"))
-        rows.append(NamedRow(metric.title, tuple(cells)))
+        rows.append((metric.title, *cells))
     return rows
 
 
@@ -101,7 +92,7 @@ def replay_note(result: Result) -> str:
     return "Control does not change the steering: no replay, as it would equal the controlled run."
 
 
-def standard_rows(result: Result) -> list[tuple[str | Cell, ...]]:
+def standard_rows(result: Result) -> list[Row]:
     """Return a row per criterion and run: run, criterion, clause, measured, limit, verdict."""
     return [
         (
@@ -117,7 +108,7 @@ def standard_rows(result: Result) -> list[tuple[str | Cell, ...]]:
     ]
 
 
-def can_rows(result: Result) -> list[NamedRow]:
+def can_rows(result: Result) -> list[Row]:
     """Return a row per message with least, mean and largest response time, and the age."""
     spreads = {
         f"{name}, response (ms)": (f"can.response_ms.{name}", spread)
@@ -126,9 +117,9 @@ def can_rows(result: Result) -> list[NamedRow]:
     if result.can.age_ms is not None:
         spreads["sample to force, age (ms)"] = ("can.age_ms", result.can.age_ms)
     return [
-        NamedRow(
+        (
             label,
-            tuple(
+            *(
                 number(getattr(spread, which), 2, f"{key}.{which}")
                 for which in ("min", "mean", "max")
             ),
@@ -142,7 +133,7 @@ def reaction_tables(result: Result) -> list[PageTable]:
     reaction = result.reaction
     if reaction is None:
         return []
-    rows: list[tuple[str | Cell, ...]] = [
+    rows: list[Row] = [
         (f"mode {change.mode}", number(change.t, 2, f"reaction.modes.{i}.t"), "")
         for i, change in enumerate(reaction.modes)
     ]

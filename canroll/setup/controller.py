@@ -108,13 +108,10 @@ def prepare(choices: Mapping[str, Any]) -> PreparedController:
         VerdictError: the design fails its own checks.
     """
     check(choices)
-    if choices.get("calibration") is not None:
-        loaded = load(choices["calibration"])
-        stage = stage_of(loaded.tables, choices)
-        controller = _loaded(loaded, choices)
-    else:
-        stage = stage_of({}, choices)
-        controller = _designed(choices)
+    path = choices.get("calibration")
+    loaded = None if path is None else load(path)
+    stage = stage_of({} if loaded is None else loaded.tables, choices)
+    controller = _designed(choices) if loaded is None else _loaded(loaded, choices)
     return replace(controller, tables=own_stage.added(controller.tables, stage))
 
 
