@@ -13,11 +13,10 @@ from canroll.cli.options import (
     choices_of,
 )
 from canroll.errors import CanrollError, writing
-from canroll.setup.bus_frames import profile_of
+from canroll.setup.bus_frames import profile_of, stage_of
 from canroll.setup.choices import check as check_choices
 from canroll.setup.choices import chosen
 from canroll.setup.controller import calibrated, options_of, task_of
-from canroll.setup.own_stages import stage_of
 from codegen.export.header import gains_header
 from codegen.generated import own_stage
 from gain_gen.analysis import loss_of_force

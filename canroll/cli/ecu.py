@@ -23,10 +23,14 @@ from canroll.errors import CanrollError, VerdictError
 from canroll.report.run_folder import write_page
 from canroll.report.staging import page_folder
 from canroll.runs import phase
-from canroll.setup.bus_frames import firmware_of, profile_of
+from canroll.setup.bus_frames import (
+    firmware_of,
+    profile_of,
+    refuse_useless_key,
+    secret_of,
+    stage_of,
+)
 from canroll.setup.choice import several
-from canroll.setup.keys import refuse_useless_key, secret_of
-from canroll.setup.own_stages import stage_of
 from canroll.studies import recorded_drive
 from canroll.studies.recorded_drive_page import drive_page, reception_table
 from canroll.studies.recursive_estimate import estimate_table, estimates

@@ -12,7 +12,7 @@ from canroll.errors import CanrollError, VerdictError, writing
 from canroll.report import signal_files
 from canroll.report.staging import check_parent
 from canroll.runs import logs, phase
-from canroll.runs.experiment import world_options
+from canroll.runs.experiment import build_world
 from canroll.runs.result import Settings
 from canroll.runs.trace import entries
 from canroll.setup.bus_frames import firmware_of, profile_of
@@ -23,6 +23,7 @@ from hil.hardware import bus_record, lasting
 from hil.hardware.bus_options import has_bus, parsed_options
 from hil.hardware.interfaces import is_loopback
 from hil.plant_loop import PlantOutcome
+from plant_sim.faults import parse_all
 from plant_sim.world import archive
 from plant_sim.world.fault_parts import outages
 from plant_sim.world.world import World
@@ -192,10 +193,10 @@ def world_of(args: argparse.Namespace, memory: lasting.LastingCounts = lasting.F
     settings = Settings.of(
         choices, scenario=args.scenario, vehicle=vehicle, command=args.command_message
     )
-    options = world_options(settings, enabled=not args.passive)
-    if outages(options["faults"]):
+    if outages(parse_all(settings.faults)):
         raise CanrollError(lockstep.POWER)
-    return World(**options, starts=memory.starts + 1, ecu_starts=memory.senders.get(ECU, 0))
+    starts, ecu_starts = memory.starts + 1, memory.senders.get(ECU, 0)
+    return build_world(settings, enabled=not args.passive, starts=starts, ecu_starts=ecu_starts)
 
 
 def _link(args: argparse.Namespace) -> Link:

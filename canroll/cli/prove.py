@@ -8,7 +8,7 @@ from time import perf_counter
 from canroll.build_cache import key
 from canroll.cli.options import choices_of
 from canroll.errors import CanrollError
-from canroll.setup.own_stages import stage_of
+from canroll.setup.bus_frames import stage_of
 from codegen.proof import prove
 from codegen.run import memory_image
 from codegen.run.bus_firmware import (

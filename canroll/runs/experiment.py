@@ -17,11 +17,10 @@ from canroll.runs.limit_cycle import LimitCycle
 from canroll.runs.result import Result, Settings
 from canroll.runs.trace import Trace
 from canroll.runs.virtual_time import closed_loop
-from canroll.setup.bus_frames import check_frames, names_of, profile_of
+from canroll.setup.bus_frames import check_frames, names_of, profile_of, refuse_useless_key
 from canroll.setup.choices import PASSIVE, Choices, check, chosen
 from canroll.setup.controller import COMMAND_TIMEOUT, PreparedController, prepare
 from canroll.setup.delay import sample_to_force
-from canroll.setup.keys import refuse_useless_key
 from canroll.typing import Progress
 from codegen.run.backends import open_backend
 from firmware.calibration import ONE
@@ -256,31 +255,19 @@ def tick_phase_ns(settings: Settings) -> int:
     return phase.phase_ns(world, round(settings.tick * 1e9))
 
 
-def build_world(
-    settings: Settings,
-    *,
-    enabled: bool,
-    maneuver: maneuvers.Maneuver | None = None,
-    kept: Kept = EVERYTHING,
-) -> World:
-    """Return the world for ``settings`` at time 0, with ``maneuver`` instead of theirs if given."""
-    return World(**world_options(settings, enabled=enabled, maneuver=maneuver, kept=kept))
+def build_world(settings: Settings, *, enabled: bool, **others: Any) -> World:  # noqa: ANN401
+    """Return the world for ``settings`` at time 0, with :func:`world_options`."""
+    return World(**world_options(settings, enabled=enabled, **others))
 
 
-def world_options(
-    settings: Settings,
-    *,
-    enabled: bool,
-    maneuver: maneuvers.Maneuver | None = None,
-    kept: Kept = EVERYTHING,
-) -> dict[str, Any]:
-    """Return the arguments of the world for ``settings``, with ``maneuver`` if one is given."""
+def world_options(settings: Settings, *, enabled: bool, **others: Any) -> dict[str, Any]:  # noqa: ANN401
+    """Return the arguments of the world for ``settings``; the ``others`` stand instead."""
     sensors, actuators = conditions_of.options(dict(settings.conditions))
-    return dict(
+    options = dict(
         vehicle=settings.vehicle,
         body=settings.plant,
         actuator=settings.actuator,
-        maneuver=maneuver or maneuver_of(settings),
+        maneuver=others.get("maneuver") or maneuver_of(settings),
         profile=settings.profile,
         seed=settings.seed,
         enabled=enabled,
@@ -289,9 +276,9 @@ def world_options(
         sensors=sensors,
         actuators=actuators,
         faults=parse_all(settings.faults),
-        kept=kept,
         key=settings.secret,
     )
+    return options | others
 
 
 def maneuver_of(settings: Settings) -> maneuvers.Maneuver:

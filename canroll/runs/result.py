@@ -14,10 +14,9 @@ from canroll.runs.metrics import BY_KEY, NUMBERS, Can, Metrics, Trigger
 from canroll.runs.phase import Phase
 from canroll.runs.standard import Standard, StandardOutcome
 from canroll.runs.trace import Trace
-from canroll.setup.bus_frames import firmware_of
+from canroll.setup.bus_frames import firmware_of, secret_of
 from canroll.setup.choice import as_text, one_or_several
 from canroll.setup.choices import CHOICES, chosen
-from canroll.setup.keys import secret_of
 from codegen.generated.own_stage import OwnStage
 from codegen.run.backends import default_backend
 from codegen.run.bus_firmware import BusFirmware

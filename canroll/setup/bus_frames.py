@@ -1,16 +1,19 @@
-"""The frames of a run's bus: the ECU's program for them, and what they do not carry."""
+"""The frames of a run's bus: the ECU's program for them, their key, and what they do not carry."""
 
 from collections.abc import Collection, Iterator, Mapping
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 from canroll.errors import CanrollError
 from canroll.setup.choices import chosen
+from codegen.generated import own_stage
 from codegen.generated.bus_map import BusMap
 from codegen.generated.mailbox import RECEIVED, VALID_BITS
 from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_stage
 from dbc import attribute, read
+from dbc.keys import DEVELOPMENT_KEY, read_key
 from dbc.reader import each
 from firmware import calibration as fw
 from firmware.calibration import Calibration
@@ -18,7 +21,7 @@ from firmware.plausibility import NEEDED
 from firmware.state import REST, RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, RX_VEHICLE_MOTION
 from gain_gen.laws import WITHOUT_ROLL_RATE
 from plant_sim.can_bus import BusProfile, load_profile
-from plant_sim.can_bus.network.own_frames import bus_map, messages_of
+from plant_sim.can_bus.network.own_frames import bus_map, messages_of, secured
 from plant_sim.can_bus.traffic.files import load_traffic
 
 SPEED = 1
@@ -43,6 +46,23 @@ def firmware_of(profile: BusProfile, stage: OwnStage | None = None) -> BusFirmwa
     if profile.dbc is None or profile.map_file is None:
         return with_stage(built_in(), stage)
     return with_stage(of_bus(profile.dbc, profile.map_file), stage)
+
+
+def stage_of(tables: Mapping[str, Any], choices: Mapping[str, Any]) -> OwnStage | None:
+    """Return the own stage of a calibration or of ``choices``, checked and proved.
+
+    Raises:
+        CanrollError: it cannot be read, or is no stage; both name one.
+    """
+    stage = own_stage.carried(tables)
+    if choices.get("stage") is not None:
+        if stage is not None:
+            raise CanrollError(
+                f"--stage: the calibration carries the stage {stage.file}: omit --stage"
+            )
+        stage = own_stage.read(Path(choices["stage"]))
+    with_stage(built_in(), stage)
+    return stage
 
 
 def names_of(profile: BusProfile) -> dict[int, str]:
@@ -194,3 +214,34 @@ def refuse_wide_steps(bus: BusMap, record: Calibration, map_file: str) -> None:
                 f"the calibration accepts steps of {accepted} (e2e_max_delta): raise it, or map a "
                 "frame that is not multiplexed"
             )
+
+
+def refuse_useless_key(choices: Mapping[str, Any], profile: BusProfile) -> None:
+    """Raise CanrollError for a key that cannot be read, or on a bus that uses none."""
+    key = choices.get("key")
+    if key is None:
+        return
+    if not secured(profile):
+        raise CanrollError(
+            f"--key: the frames of bus {profile.name} are not authenticated: omit it, or choose "
+            "--bus secured_fd"
+        )
+    read_key(Path(key))
+
+
+def secret_of(choices: Mapping[str, Any]) -> bytes:
+    """Return the key of authenticated frames for ``choices``.
+
+    Raises:
+        CanrollError: the file cannot be read, or holds no key.
+    """
+    key = choices.get("key")
+    return DEVELOPMENT_KEY if key is None else read_key(Path(key))
+
+
+def refuse_authenticated(profile: BusProfile, command: str) -> None:
+    """Raise CanrollError where ``command`` cannot authenticate frames and a bus demands it."""
+    if secured(profile):
+        raise CanrollError(
+            f"{command} cannot authenticate the frames of bus {profile.name}: choose another --bus"
+        )

@@ -11,11 +11,10 @@ import dbc
 import vehicles
 from canroll.build_cache import kept, key, recalled
 from canroll.errors import CanrollError, VerdictError
-from canroll.setup.bus_frames import absent, profile_of
+from canroll.setup.bus_frames import absent, profile_of, stage_of
 from canroll.setup.choice import StateSpace
 from canroll.setup.choices import CHOICES, PASSIVE, check, chosen
 from canroll.setup.delay import sample_to_force
-from canroll.setup.own_stages import stage_of
 from codegen.generated import own_stage
 from codegen.generated.mailbox import SAMPLE_COUNTERS
 from codegen.generated.own_stage import OwnStage

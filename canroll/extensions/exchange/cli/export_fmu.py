@@ -14,9 +14,8 @@ from canroll.extensions.exchange import body_fmu, bus_fmu, plant_fmu
 from canroll.extensions.exchange.fmu import ecu
 from canroll.runs.experiment import build_world, maneuver_of, plan, tick_offset_ns
 from canroll.runs.virtual_time import RUN_TIME_NS
-from canroll.setup.bus_frames import profile_of
+from canroll.setup.bus_frames import profile_of, refuse_authenticated
 from canroll.setup.choices import chosen
-from canroll.setup.keys import refuse_authenticated
 from plant_sim.bodies import own_body
 from plant_sim.can_bus import NODES, Node, make_network
 from plant_sim.can_bus.kernel.network import add_node
