@@ -1,7 +1,9 @@
-"""When a fault acts, and how strongly: plain rows of integers that every kernel can read."""
+"""When a fault acts, and how strongly: plain rows that every kernel can read."""
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +12,18 @@ from canroll.errors import CanrollError
 from plant_sim.kernels.instants import NEVER
 from plant_sim.kernels.jit import njit
 
-# Columns of a row; times in ns. EVERY 0: without interruption.
-TARGET, KIND, START, END, RAMP, EVERY, LASTING, N_SCHEDULE = range(8)
-NO_TARGET = -1
+FAULT = np.dtype(
+    [
+        *((name, "i8") for name in ("places", "kind", "start", "end", "ramp", "every", "lasting")),
+        ("value", "f8"),
+    ]
+)
+"""A row: what fails, bit by bit (0: no fault, nor any after it), how, when (ns) and how much.
+
+``every`` 0: without interruption.
+"""
+Faults: TypeAlias = NDArray[Any]
+"""Rows of :data:`FAULT`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,25 +50,74 @@ class ScheduledFault:
 
 
 @njit
-def severity(row: NDArray[np.int64], t_ns: int) -> float:
+def severity(row: Any, t_ns: int) -> float:  # noqa: ANN401
     """Strength of a fault at ``t_ns``: 0 where it does not act, else up to 1."""
-    since = t_ns - row[START]
-    if since < 0 or t_ns >= row[END]:
+    since = t_ns - row.start
+    if since < 0 or t_ns >= row.end:
         return 0.0
-    if row[EVERY] > 0 and since % row[EVERY] >= row[LASTING]:
+    if row.every > 0 and since % row.every >= row.lasting:
         return 0.0
-    if since < row[RAMP]:
-        return float(since / row[RAMP])
+    if since < row.ramp:
+        return float(since / row.ramp)
     return 1.0
 
 
-def table(rooms: int) -> NDArray[np.int64]:
-    """Return ``rooms`` rows of no fault."""
-    return np.full((rooms, N_SCHEDULE), NO_TARGET, dtype=np.int64)
+@njit
+def _strength(row: Any, kind: int, places: int, t_ns: int) -> float:  # noqa: ANN401
+    """Strength of a fault if it is of ``kind`` at one of ``places``, else 0."""
+    return severity(row, t_ns) if row.kind == kind and row.places & places else 0.0
 
 
-def row(target: int, kind: int, fault: ScheduledFault, what: str) -> list[int]:
-    """Return the row of a fault with numbers for its place and kind; ``what`` names it in messages.
+@njit
+def most(faults: Faults, kind: int, places: int, t_ns: int) -> float:
+    """Largest value, by its strength, of the faults of ``kind`` at ``places``; 0 without any."""
+    value = 0.0
+    for number in range(len(faults)):
+        if faults[number].places == 0:
+            break
+        strength = _strength(faults[number], kind, places, t_ns)
+        value = max(value, strength * faults[number].value)
+    return value
+
+
+@njit
+def total(faults: Faults, kind: int, places: int, t_ns: int) -> float:
+    """Sum of the values of these faults, each times its strength; 0 without any."""
+    value = 0.0
+    for number in range(len(faults)):
+        if faults[number].places == 0:
+            break
+        value += _strength(faults[number], kind, places, t_ns) * faults[number].value
+    return value
+
+
+@njit
+def factor(faults: Faults, kind: int, places: int, t_ns: int) -> float:
+    """Product of the values of these faults, each as far from 1 as it is strong; 1 without any."""
+    value = 1.0
+    for number in range(len(faults)):
+        if faults[number].places == 0:
+            break
+        strength = _strength(faults[number], kind, places, t_ns)
+        value *= 1.0 + strength * (faults[number].value - 1.0)
+    return value
+
+
+def table(room: int, faults: Collection[Any], what: str) -> Faults:
+    """Return rows of :func:`row`, and ``room`` in all; ``what`` and the room begin the refusal.
+
+    Raises:
+        CanrollError: more faults than there is room for.
+    """
+    if len(faults) > room:
+        raise CanrollError(f"{what.format(room)} per run")
+    return np.array([*faults, *[(0,) * len(FAULT.names or ())] * (room - len(faults))], FAULT)
+
+
+def row(
+    places: int, kind: int, fault: ScheduledFault, what: str, value: float = 1.0
+) -> tuple[float, ...]:
+    """Return the row of a fault with numbers for places, kind and value; ``what`` names it.
 
     Raises:
         CanrollError: times out of range.
@@ -71,4 +131,4 @@ def row(target: int, kind: int, fault: ScheduledFault, what: str) -> list[int]:
     end = round(fault.end * 1e9) if math.isfinite(fault.end) else NEVER
     times = (fault.start, fault.ramp, fault.every, fault.lasting)
     start, ramp, every, lasting = (round(value * 1e9) for value in times)
-    return [target, kind, start, end, ramp, every, lasting]
+    return places, kind, start, end, ramp, every, lasting, value

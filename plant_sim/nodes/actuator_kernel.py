@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import schedule
 from plant_sim.kernels.jit import njit
+from plant_sim.kernels.schedule import Faults
 from plant_sim.nodes import codec, e2e, envelope
 from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.envelope import Envelope
@@ -24,7 +24,10 @@ SUSPENSION, BARS, DAMPERS, VALVES = (
 
 # Status of a corner, as the DBC numbers it.
 STATUS_OK, STATUS_LIMITED, STATUS_STUCK, STATUS_FLOATING = range(4)
-# Kinds of faults; the target of a row of Actuators.fault has bit i set for corner i.
+# Kinds of faults; the places of a row of Actuators.fault are the corners.
+FAULT_NAMES = (
+    *("stuck", "floating", "weak", "dead", "slow", "reversed", "runaway", "derating", "lying"),
+)
 STUCK, FLOATING, WEAK, DEAD, SLOW, REVERSED, RUNAWAY, DERATING, LYING = range(9)
 
 # Slots of Actuators.flag. STATUS, LATCHED: one for each corner.
@@ -70,8 +73,7 @@ class ActuatorNode(NamedTuple):
     message: NDArray[np.int64]
     receiver: NDArray[np.int64]
     report: NDArray[np.int64]
-    fault: NDArray[np.int64]
-    fault_value: NDArray[np.float64]
+    fault: Faults
     supervision: e2e.Supervision
     envelope: Envelope
 
@@ -156,53 +158,12 @@ def follows(node: ActuatorNode) -> bool:
 
 
 @njit
-def fault_share(node: ActuatorNode, kind: int, first: int, last: int, t_ns: int) -> float:
-    """Strength at ``t_ns`` of the faults of ``kind`` at corners ``first`` to ``last``, up to 1."""
-    share = 0.0
-    corners = (2 << last) - (1 << first)
-    for number in range(FAULTS):
-        fault = node.fault[number]
-        if fault[schedule.TARGET] < 0:
-            break
-        if fault[schedule.KIND] == kind and fault[schedule.TARGET] & corners:
-            share = max(share, schedule.severity(fault, t_ns))
-    return share
-
-
-@njit
-def fault_factor(node: ActuatorNode, kind: int, first: int, last: int, t_ns: int) -> float:
-    """Product of the values of these faults, each as far from 1 as it is strong; 1 without any."""
-    factor = 1.0
-    corners = (2 << last) - (1 << first)
-    for number in range(FAULTS):
-        fault = node.fault[number]
-        if fault[schedule.TARGET] < 0:
-            break
-        if fault[schedule.KIND] == kind and fault[schedule.TARGET] & corners:
-            factor *= 1.0 + schedule.severity(fault, t_ns) * (node.fault_value[number] - 1.0)
-    return factor
-
-
-@njit
-def fault_amount(node: ActuatorNode, kind: int, first: int, last: int, t_ns: int) -> float:
-    """Sum of the values of these faults, each times its strength; 0 without any."""
-    amount = 0.0
-    corners = (2 << last) - (1 << first)
-    for number in range(FAULTS):
-        fault = node.fault[number]
-        if fault[schedule.TARGET] < 0:
-            break
-        if fault[schedule.KIND] == kind and fault[schedule.TARGET] & corners:
-            amount += schedule.severity(fault, t_ns) * node.fault_value[number]
-    return amount
-
-
-@njit
-def set_status(node: ActuatorNode, first: int, last: int, status: int) -> None:
-    """Record the status of corners ``first`` to ``last``; the worst is kept until reported."""
-    for corner in range(first, last + 1):
-        node.flag[STATUS + corner] = status
-        node.flag[LATCHED + corner] = max(node.flag[LATCHED + corner], status)
+def set_status(node: ActuatorNode, corners: int, status: int) -> None:
+    """Record the status of ``corners`` (bit by bit); the worst is kept until reported."""
+    for corner in range(4):
+        if corners >> corner & 1:
+            node.flag[STATUS + corner] = status
+            node.flag[LATCHED + corner] = max(node.flag[LATCHED + corner], status)
 
 
 @njit

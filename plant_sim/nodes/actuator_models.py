@@ -7,6 +7,7 @@ Force over a step is the mean of its values at both ends, so that a lag costs no
 from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.kernels.jit import njit
+from plant_sim.kernels.schedule import factor, most, total
 from plant_sim.nodes import hydraulics
 from plant_sim.nodes.actuator_kernel import (
     ACTUAL,
@@ -39,9 +40,6 @@ from plant_sim.nodes.actuator_kernel import (
     SUSPENSION,
     WEAK,
     ActuatorNode,
-    fault_amount,
-    fault_factor,
-    fault_share,
     follows,
     set_status,
 )
@@ -66,6 +64,9 @@ from plant_sim.nodes.actuator_kernel import (
 
 # Share of its way that a channel without lag goes in a step, for one that is to be slowed down.
 SLOWED = 0.99
+
+AXLE = 0b11
+"""Corners of the front axle, bit by bit."""
 
 # Second message of the nodes that take two, besides currents.
 FORCES = MOMENTS = 1
@@ -100,31 +101,31 @@ def hold(node: ActuatorNode, channel: int, reference: float) -> None:
 
 @njit
 def settle(  # noqa: PLR0917
-    node: ActuatorNode, channel: int, first: int, last: int, target: float, bound: bool, t_ns: int
+    node: ActuatorNode, channel: int, corners: int, target: float, bound: bool, t_ns: int
 ) -> None:
-    """Follow ``target`` with the lag, unless a fault of corners ``first`` to ``last`` acts.
+    """Follow ``target`` with the lag, unless a fault of ``corners`` (bit by bit) acts.
 
     Of several faults the worst decides: stuck, no force, uncommanded force.
     """
     state, lag = node.state, node.setting[LAG]
     status = STATUS_LIMITED if bound else STATUS_OK
-    if node.fault[0, 0] >= 0:
+    if node.fault[0].places:
         limit = node.setting[LIMIT]
-        derated = fault_factor(node, DERATING, first, last, t_ns)
+        derated = factor(node.fault, DERATING, corners, t_ns)
         if abs(target) > derated * limit:
             target, status = clip(target, derated * limit), STATUS_LIMITED
-        share = fault_factor(node, WEAK, first, last, t_ns)
+        share = factor(node.fault, WEAK, corners, t_ns)
         if share != 1.0:
             target, status = share * target, STATUS_LIMITED
-        target *= 1.0 - 2.0 * fault_share(node, REVERSED, first, last, t_ns)
-        target = clip(target + limit * fault_amount(node, RUNAWAY, first, last, t_ns), limit)
-        target *= 1.0 - fault_share(node, DEAD, first, last, t_ns)
-        floating = fault_share(node, FLOATING, first, last, t_ns)
+        target *= 1.0 - 2.0 * most(node.fault, REVERSED, corners, t_ns)
+        target = clip(target + limit * total(node.fault, RUNAWAY, corners, t_ns), limit)
+        target *= 1.0 - most(node.fault, DEAD, corners, t_ns)
+        floating = most(node.fault, FLOATING, corners, t_ns)
         if floating > 0.0:
             target, status = (1.0 - floating) * target, STATUS_FLOATING
-        if fault_share(node, STUCK, first, last, t_ns) > 0.0:
+        if most(node.fault, STUCK, corners, t_ns) > 0.0:
             target, status = state[ACTUAL + channel], STATUS_STUCK
-        slow = fault_factor(node, SLOW, first, last, t_ns)
+        slow = factor(node.fault, SLOW, corners, t_ns)
         if slow != 1.0:
             lag = 1.0 - (1.0 - min(lag, SLOWED)) ** (1.0 / slow)
     if not node.flag[POWERED]:
@@ -132,15 +133,15 @@ def settle(  # noqa: PLR0917
     before = state[ACTUAL + channel]
     state[ACTUAL + channel] += lag * (target - before)
     state[APPLIED + channel] = 0.5 * (before + state[ACTUAL + channel])
-    show(node, first, last, status, t_ns)
+    show(node, corners, status, t_ns)
 
 
 @njit
-def show(node: ActuatorNode, first: int, last: int, status: int, t_ns: int) -> None:
-    """Set the status of corners ``first`` to ``last``, unless they lie about it."""
-    if node.fault[0, 0] >= 0 and fault_share(node, LYING, first, last, t_ns) > 0.0:
+def show(node: ActuatorNode, corners: int, status: int, t_ns: int) -> None:
+    """Set the status of ``corners``, unless they lie about it."""
+    if node.fault[0].places and most(node.fault, LYING, corners, t_ns) > 0.0:
         status = STATUS_OK
-    set_status(node, first, last, status)
+    set_status(node, corners, status)
 
 
 @njit
@@ -154,7 +155,7 @@ def _suspension(node: ActuatorNode, outputs: Vector, inputs: Vector, t_ns: int) 
         if target * stroke > node.setting[POWER]:
             target = node.setting[POWER] / stroke
             bound = True
-        settle(node, corner, corner, corner, target, bound, t_ns)
+        settle(node, corner, 1 << corner, target, bound, t_ns)
         inputs[ports.CORNER_FORCE + corner] = state[APPLIED + corner]
 
 
@@ -165,7 +166,7 @@ def _bars(node: ActuatorNode, inputs: Vector, t_ns: int) -> None:
         demand = state[DEMAND + axle] if follows(node) else 0.0
         bound = refer(node, axle, demand)
         # A bar joins both corners of its axle: the worse of their faults decides.
-        settle(node, axle, 2 * axle, 2 * axle + 1, state[REFERENCE + axle], bound, t_ns)
+        settle(node, axle, AXLE << 2 * axle, state[REFERENCE + axle], bound, t_ns)
         inputs[ports.BAR_MOMENT_FRONT + axle] = state[APPLIED + axle]
 
 
@@ -211,7 +212,7 @@ def _dampers(node: ActuatorNode, outputs: Vector, inputs: Vector, t_ns: int) -> 
         else:
             wanted = demand * 1e-3 / node.setting[CURRENT_LIMIT]
         bound = refer(node, corner, max(wanted, 0.0))
-        settle(node, corner, corner, corner, state[REFERENCE + corner], bound, t_ns)
+        settle(node, corner, 1 << corner, state[REFERENCE + corner], bound, t_ns)
         force = state[APPLIED + corner] * span(node.curve, abs(stroke))
         inputs[ports.CORNER_FORCE + corner] = -force if stroke > 0.0 else force
 
@@ -221,9 +222,9 @@ def _valve_current(node: ActuatorNode, axle: int, actual: float, t_ns: int) -> f
     """Current (A) commanded for the axle; a disabled node controls the moment to zero."""
     parameters, loop = node.setting[HYDRAULIC_PARAMETERS:], node.setting[TORQUE_LOOP]
     demand = node.state[DEMAND + axle]
-    if node.fault[0, 0] >= 0:
-        loop /= fault_factor(node, SLOW, 2 * axle, 2 * axle + 1, t_ns)
-        demand *= 1.0 - 2.0 * fault_share(node, REVERSED, 2 * axle, 2 * axle + 1, t_ns)
+    if node.fault[0].places:
+        loop /= factor(node.fault, SLOW, AXLE << 2 * axle, t_ns)
+        demand *= 1.0 - 2.0 * most(node.fault, REVERSED, AXLE << 2 * axle, t_ns)
     if not follows(node):
         return hydraulics.torque_loop(parameters, loop, 0.0, actual)
     if not node.flag[HELD]:
@@ -244,25 +245,25 @@ def _valve_axle(node: ActuatorNode, axle: int, outputs: Vector, inputs: Vector, 
     motor = state[first : first + 5]
     angle = outputs[ports.BAR_ANGLE + axle] if setting[INTEGRATED] else motor[hydraulics.ANGLE]
     before = hydraulics.active_moment(parameters, angle)
-    first_corner, last_corner = 2 * axle, 2 * axle + 1
+    corners = AXLE << 2 * axle
     wanted = _valve_current(node, axle, before, t_ns)
     limit = setting[CURRENT_LIMIT]
     current = clip(wanted, limit)
     status = STATUS_OK if current == wanted else STATUS_LIMITED
     locked = not node.flag[POWERED]
-    if node.fault[0, 0] >= 0:
-        derated = limit * fault_factor(node, DERATING, first_corner, last_corner, t_ns)
+    if node.fault[0].places:
+        derated = limit * factor(node.fault, DERATING, corners, t_ns)
         if abs(current) > derated:
             current, status = clip(current, derated), STATUS_LIMITED
-        share = fault_factor(node, WEAK, first_corner, last_corner, t_ns)
+        share = factor(node.fault, WEAK, corners, t_ns)
         if share != 1.0:
             current, status = share * current, STATUS_LIMITED
-        runaway = fault_amount(node, RUNAWAY, first_corner, last_corner, t_ns)
+        runaway = total(node.fault, RUNAWAY, corners, t_ns)
         current = clip(current + limit * runaway, limit)
-        locked = locked or fault_share(node, DEAD, first_corner, last_corner, t_ns) > 0.0
-        if fault_share(node, STUCK, first_corner, last_corner, t_ns) > 0.0:
+        locked = locked or most(node.fault, DEAD, corners, t_ns) > 0.0
+        if most(node.fault, STUCK, corners, t_ns) > 0.0:
             current, status = 0.0, STATUS_STUCK
-        if fault_share(node, FLOATING, first_corner, last_corner, t_ns) > 0.0:
+        if most(node.fault, FLOATING, corners, t_ns) > 0.0:
             locked, status = True, STATUS_FLOATING
     if not node.flag[POWERED]:
         status = STATUS_FLOATING
@@ -292,7 +293,7 @@ def _valve_axle(node: ActuatorNode, axle: int, outputs: Vector, inputs: Vector, 
 def _valves(node: ActuatorNode, outputs: Vector, inputs: Vector, t_ns: int) -> None:
     for axle in range(2):
         status = _valve_axle(node, axle, outputs, inputs, t_ns)
-        show(node, 2 * axle, 2 * axle + 1, status, t_ns)
+        show(node, AXLE << 2 * axle, status, t_ns)
 
 
 @njit
@@ -330,7 +331,7 @@ def act(node: ActuatorNode, outputs: Vector, inputs: Vector, t_ns: int) -> None:
         state[DELIVERED + axle] = total
         error = setting[ESTIMATE_GAIN] * total - state[ESTIMATE + axle]
         state[ESTIMATE + axle] += setting[ESTIMATE_LAG] * error
-        if node.fault[0, 0] >= 0 and node.flag[HELD]:
-            lying = fault_share(node, LYING, 2 * axle, 2 * axle + 1, t_ns)
+        if node.fault[0].places and node.flag[HELD]:
+            lying = most(node.fault, LYING, AXLE << 2 * axle, t_ns)
             if lying > 0.0:
                 state[ESTIMATE + axle] = _commanded(node, axle)

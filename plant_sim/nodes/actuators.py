@@ -40,17 +40,9 @@ PLACES = {
     "actuators": 0b1111,
 }
 """Places of faults, and the corners there, bit by bit."""
-FAULTS = {
-    "stuck": actuator_kernel.STUCK,
-    "floating": actuator_kernel.FLOATING,
-    "weak": actuator_kernel.WEAK,
-    "dead": actuator_kernel.DEAD,
-    "slow": actuator_kernel.SLOW,
-    "reversed": actuator_kernel.REVERSED,
-    "runaway": actuator_kernel.RUNAWAY,
-    "derating": actuator_kernel.DERATING,
-    "lying": actuator_kernel.LYING,
-}
+FAULTS = {name: number for number, name in enumerate(actuator_kernel.FAULT_NAMES)}
+VALUED = ("weak", "slow", "runaway", "derating")
+"""Kinds of faults that have a value."""
 
 NOMINAL_TEMPERATURE = 40.0
 NOMINAL_SUPPLY = 13.5
@@ -138,8 +130,6 @@ def _check(kind: str, options: ActuatorOptions, timeout_ms: float) -> None:
         raise CanrollError("actuators: estimate_error must be from -0.2 to 0.2")
     if not timeout_ms > 0:
         raise CanrollError("actuators: the command timeout must be positive")
-    if len(options.faults) > actuator_kernel.FAULTS:
-        raise CanrollError(f"actuators: at most {actuator_kernel.FAULTS} faults per run")
     for fault in options.faults:
         if fault.where not in PLACES:
             raise UnknownNameError("corner", fault.where, PLACES)
@@ -157,16 +147,10 @@ def _curve(data: SemiActiveDampers) -> NDArray[np.float64]:
     return np.hstack([curve, curve[:, -1:] + slope[:, None] * missing])
 
 
-def fault_tables(
-    faults: tuple[ScheduledFault, ...],
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Rows of :mod:`plant_sim.kernels.schedule` and values of faults."""
-    table, value = schedule.table(actuator_kernel.FAULTS), np.zeros(actuator_kernel.FAULTS)
-    for number, fault in enumerate(faults):
-        what = f"actuator fault at {fault.where}"
-        table[number] = schedule.row(PLACES[fault.where], FAULTS[fault.kind], fault, what)
-        value[number] = fault.value
-    return table, value
+def _fault(fault: ScheduledFault) -> tuple[float, ...]:
+    what = f"actuator fault at {fault.where}"
+    value = fault.value if fault.kind in VALUED else 1.0
+    return schedule.row(PLACES[fault.where], FAULTS[fault.kind], fault, what, value)
 
 
 def build(
@@ -194,7 +178,7 @@ def build(
     message = np.full((actuator_kernel.MESSAGES, 3), -1, dtype=np.int64)
     for row, (name, first, channels) in zip(message, actuator.commands, strict=False):
         row[:] = codec_tables.message_index(name), codec_tables.signal_index(name, first), channels
-    fault, value = fault_tables(options.faults)
+    faults = list(map(_fault, options.faults))
     return ActuatorNode(
         setting=np.concatenate(
             [
@@ -212,8 +196,7 @@ def build(
         report=np.array(
             [codec_tables.signal_index("ActuatorState", name) for name in _REPORT], dtype=np.int64
         ),
-        fault=fault,
-        fault_value=value,
+        fault=schedule.table(actuator_kernel.FAULTS, faults, "actuators: at most {} faults"),
         supervision=options.supervision,
         envelope=envelope.build(
             actuator.arms(vehicle),

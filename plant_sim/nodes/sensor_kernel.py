@@ -18,6 +18,7 @@ from plant_sim.kernels import schedule
 from plant_sim.kernels.instants import STEP_NS
 from plant_sim.kernels.jit import njit
 from plant_sim.kernels.random import uniform
+from plant_sim.kernels.schedule import Faults
 from plant_sim.nodes import codec, e2e
 from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.imu_motion import FORCE, RATE, along, specific_motion
@@ -68,9 +69,10 @@ N_CHANNELS = 17
     SENSOR,
     N_NODE_COLUMNS,
 ) = range(13)
-# Kinds of faults of a channel.
+# Kinds of faults of a channel, whose place is its bit, and of a node: that behind all channels.
+SIGNAL_FAULTS = ("stuck", "invalid", "delay", "offset", "drift", "scale", "burst", "reversed")
 STUCK, INVALID, DELAY, OFFSET, DRIFT_AWAY, SCALE, BURST, REVERSED = range(8)
-# Kinds of faults of a node; their target is N_CHANNELS + the node's row.
+MESSAGE_FAULTS = ("dropout", "frozen", "frozen_counter", "down", "clock_drift")
 DROPOUT, FROZEN, FROZEN_COUNTER, DOWN, CLOCK_DRIFT = range(8, 13)
 # Room for faults, and samples that a delayed signal may be late.
 FAULTS = 32
@@ -91,8 +93,7 @@ class SensorTables(NamedTuple):
     channel: NDArray[np.float64]
     signal: NDArray[np.int64]
     node: NDArray[np.int64]
-    fault: NDArray[np.int64]
-    fault_value: NDArray[np.float64]
+    fault: Faults
     history: NDArray[np.float64]
     mounting: NDArray[np.float64]
     arm: NDArray[np.float64]
@@ -146,11 +147,11 @@ def _faulty(  # noqa: PLR0917
     measured = value
     for number in range(FAULTS):
         fault = sensors.fault[number]
-        if fault[schedule.TARGET] < 0:
+        if fault.places == 0:
             break
-        if fault[schedule.TARGET] != index:
+        if fault.places != 1 << index:
             continue
-        kind, amount = fault[schedule.KIND], sensors.fault_value[number]
+        kind, amount = fault.kind, fault.value
         if kind == DELAY:
             sensors.history[number, count % HISTORY] = value
         share = schedule.severity(fault, t_ns)
@@ -166,7 +167,7 @@ def _faulty(  # noqa: PLR0917
         elif kind == OFFSET:
             measured += share * amount
         elif kind == DRIFT_AWAY:
-            measured += amount * (t_ns - fault[schedule.START]) * 1e-9
+            measured += amount * (t_ns - fault.start) * 1e-9
         elif kind == SCALE:
             measured *= 1.0 + share * (amount - 1.0)
         elif kind == REVERSED:
@@ -206,15 +207,7 @@ def measure(  # noqa: PLR0917
 @njit
 def node_fault(sensors: SensorTables, node: int, kind: int, t_ns: int) -> float:
     """Strength times value of a node's faults of ``kind`` at ``t_ns``; 0 where none acts."""
-    total = 0.0
-    target = N_CHANNELS + sensors.node[node, SENSOR]
-    for number in range(FAULTS):
-        fault = sensors.fault[number]
-        if fault[schedule.TARGET] < 0:
-            break
-        if fault[schedule.TARGET] == target and fault[schedule.KIND] == kind:
-            total += schedule.severity(fault, t_ns) * sensors.fault_value[number]
-    return total
+    return schedule.total(sensors.fault, kind, 1 << N_CHANNELS + sensors.node[node, SENSOR], t_ns)
 
 
 @njit

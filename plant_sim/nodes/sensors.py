@@ -1,7 +1,7 @@
 """Sensor options, and the tables built from them for one vehicle and seed."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -38,25 +38,10 @@ SENDERS = {
 }
 """Node of the bus that sends each message."""
 
-SIGNAL_FAULTS = {
-    "stuck": sensor_kernel.STUCK,
-    "offset": sensor_kernel.OFFSET,
-    "drift": sensor_kernel.DRIFT_AWAY,
-    "scale": sensor_kernel.SCALE,
-    "reversed": sensor_kernel.REVERSED,
-    "burst": sensor_kernel.BURST,
-    "spike": sensor_kernel.OFFSET,
-    "delay": sensor_kernel.DELAY,
-    "invalid": sensor_kernel.INVALID,
-}
-MESSAGE_FAULTS = {
-    "dropout": sensor_kernel.DROPOUT,
-    "frozen": sensor_kernel.FROZEN,
-    "frozen_counter": sensor_kernel.FROZEN_COUNTER,
-    "down": sensor_kernel.DOWN,
-    "clock_drift": sensor_kernel.CLOCK_DRIFT,
-}
-FAULTS = {**SIGNAL_FAULTS, **MESSAGE_FAULTS}
+FAULTS = {
+    name: number
+    for number, name in enumerate((*sensor_kernel.SIGNAL_FAULTS, *sensor_kernel.MESSAGE_FAULTS))
+} | {"spike": sensor_kernel.OFFSET}
 SPIKE_EVERY = 0.1
 """Time (s) from spike to spike, unless given."""
 
@@ -175,8 +160,8 @@ def _channel(
     return row
 
 
-def _fault(fault: ScheduledFault, node: NDArray[np.int64]) -> tuple[list[int], float]:
-    """Row and value of a fault among the tables of the sensors' nodes."""
+def _fault(fault: ScheduledFault, node: NDArray[np.int64], tables: Codec) -> tuple[float, ...]:
+    """Row of a fault among the tables of the sensors' nodes."""
     if fault.kind not in FAULTS:
         raise UnknownNameError("sensor fault", fault.kind, FAULTS)
     message = fault.where.partition(".")[0]
@@ -185,11 +170,11 @@ def _fault(fault: ScheduledFault, node: NDArray[np.int64]) -> tuple[list[int], f
     what = f"sensor fault of {fault.where}"
     number = NODES.index(message)
     value = fault.value
-    if fault.kind in MESSAGE_FAULTS:
-        target = sensor_kernel.N_CHANNELS + number
+    if fault.kind in sensor_kernel.MESSAGE_FAULTS:
+        place = sensor_kernel.N_CHANNELS + number
         value = value if fault.kind == "clock_drift" else 1.0
     else:
-        target = signal_channel(fault.where)
+        place = signal_channel(fault.where)
     period = int(node[number, sensor_kernel.PERIOD]) * 1e-9
     if fault.kind == "spike":
         fault = replace(fault, every=fault.every or SPIKE_EVERY, lasting=period)
@@ -198,7 +183,8 @@ def _fault(fault: ScheduledFault, node: NDArray[np.int64]) -> tuple[list[int], f
         if not 0 <= value < sensor_kernel.HISTORY:
             longest = period * (sensor_kernel.HISTORY - 1)
             raise CanrollError(f"{what}: a delay must be 0 to {longest:g} s")
-    return schedule.row(target, FAULTS[fault.kind], fault, what), value
+    _refuse_unsayable(fault, tables)
+    return schedule.row(1 << place, FAULTS[fault.kind], fault, what, value)
 
 
 def _refuse_unsayable(fault: ScheduledFault, tables: Codec) -> None:
@@ -214,24 +200,6 @@ def _refuse_unsayable(fault: ScheduledFault, tables: Codec) -> None:
             f"sensor fault of {fault.where}: the signal has no code for invalid: add unavailable "
             "or valid in the map"
         )
-
-
-def fault_tables(
-    faults: Sequence[ScheduledFault], node: NDArray[np.int64], tables: Codec
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Rows of :mod:`plant_sim.kernels.schedule` and values of faults of the nodes ``node``.
-
-    Raises:
-        CanrollError: too many, or one that is not possible on this bus.
-        UnknownNameError: no such signal, message or kind.
-    """
-    if len(faults) > sensor_kernel.FAULTS:
-        raise CanrollError(f"sensors: at most {sensor_kernel.FAULTS} faults per run")
-    rows, values = schedule.table(sensor_kernel.FAULTS), np.zeros(sensor_kernel.FAULTS)
-    for number, entry in enumerate(faults):
-        rows[number], values[number] = _fault(entry, node)
-        _refuse_unsayable(entry, tables)
-    return rows, values
 
 
 def _add_further(
@@ -305,13 +273,12 @@ def build(
     channel = np.array(channels)
     for name, step in options.lsb.items():
         channel[signal_channel(name), sensor_kernel.LSB] = step
-    fault, value = fault_tables(options.faults, node, tables)
+    faults = [_fault(fault, node, tables) for fault in options.faults]
     return SensorTables(
         channel,
         np.array(signals, dtype=np.int64),
         node,
-        fault,
-        value,
+        schedule.table(sensor_kernel.FAULTS, faults, "sensors: at most {} faults"),
         np.zeros((sensor_kernel.FAULTS, sensor_kernel.HISTORY)),
         mounting(vehicle.sensors.imu_misalignment).ravel(),
         np.array(vehicle.sensors.imu_position),

@@ -20,16 +20,6 @@ from plant_sim.nodes.sensors import PER_UNIT
 from plant_sim.world import frame_kernel
 from plant_sim.world.frame_kernel import FrameFaults
 
-FRAME_FAULTS = {
-    "loss": frame_kernel.LOSS,
-    "corruption": frame_kernel.CORRUPTION,
-    "delay": frame_kernel.DELAY,
-    "duplicate": frame_kernel.DUPLICATE,
-    "reorder": frame_kernel.REORDER,
-    "spoof": frame_kernel.SPOOF,
-    "replay": frame_kernel.REPLAY,
-    "wrong_length": frame_kernel.WRONG_LENGTH,
-}
 FLOOD_IDENT, FLOOD_LENGTH = 0x000, 8
 FLOOD_BITS = 44 + 8 * FLOOD_LENGTH + 13 + INTERFRAME_BITS
 """Length on the wire of a frame of a flood, stuff bits of its random payload not counted."""
@@ -136,30 +126,31 @@ def frames(
     chosen = [
         fault
         for fault in faults
-        if fault.kind in FRAME_FAULTS
+        if fault.kind in frame_kernel.FRAME_FAULTS
         and kinds.PLACES[fault.where] in (kinds.MESSAGE, kinds.BUS, kinds.ATTACKER)
     ]
-    if len(chosen) > frame_kernel.FAULTS:
-        raise CanrollError(f"bus: at most {frame_kernel.FAULTS} faults of frames per run")
-    rows = schedule.table(frame_kernel.FAULTS)
-    values = np.zeros(frame_kernel.FAULTS)
-    signals = np.full((frame_kernel.FAULTS, 2), -1, dtype=np.int64)
+    rows: list[tuple[float, ...]] = []
+    signals: list[NDArray[np.int64]] = []
     clock = np.full(frame_kernel.N_CLOCK, -1, dtype=np.int64)
     clock[frame_kernel.DRAWN] = 0
-    for number, fault in enumerate(chosen):
-        target, signals[number] = _target(fault, tables, nodes)
-        rows[number] = schedule.row(target, FRAME_FAULTS[fault.kind], fault, f"fault '{fault}'")
-        values[number] = fault.value
+    for fault in chosen:
+        places, ours = _target(fault, tables, nodes)
+        signals.append(ours)
+        value = fault.value
         if kinds.PLACES[fault.where] == kinds.ATTACKER:
             message, _, signal = fault.where.removeprefix(kinds.ATTACKER_PREFIX).partition(".")
             if signal:
-                values[number] *= PER_UNIT[codec_tables.unit(message, signal)]
+                value *= PER_UNIT[codec_tables.unit(message, signal)]
             add_attackers(clock, network)
-    return FrameFaults(rows, values, signals, clock)
+        kind = frame_kernel.FRAME_FAULTS.index(fault.kind)
+        rows.append(schedule.row(places, kind, fault, f"fault '{fault}'", value))
+    table = schedule.table(frame_kernel.FAULTS, rows, "bus: at most {} faults of frames")
+    signals += [np.full(2, -1)] * (len(table) - len(signals))
+    return FrameFaults(table, np.array(signals), clock)
 
 
 def _target(fault: Fault, tables: Codec, nodes: SensorTables) -> tuple[int, NDArray[np.int64]]:
-    """Return the message of a fault of frames, and the rows of its signal and sample counter."""
+    """Return the messages of a fault of frames, and the rows of its signal and sample counter."""
     places = np.full(2, -1, dtype=np.int64)
     if fault.where == kinds.BUS:
         return frame_kernel.EVERY_MESSAGE, places
@@ -180,7 +171,7 @@ def _target(fault: Fault, tables: Codec, nodes: SensorTables) -> tuple[int, NDAr
     if fault.kind == "wrong_length" and fault.value > tables.message[row, codec.LENGTH]:
         length = int(tables.message[row, codec.LENGTH])
         raise CanrollError(f"fault '{fault}': {message} has {length} bytes: give fewer")
-    return row, places
+    return 1 << row, places
 
 
 def add_attackers(clock: NDArray[np.int64], network: can_bus.Network) -> None:

@@ -15,14 +15,18 @@ from plant_sim import can_bus as bus
 from plant_sim.kernels import schedule
 from plant_sim.kernels.jit import njit
 from plant_sim.kernels.random import Stream, uniform
+from plant_sim.kernels.schedule import Faults
 from plant_sim.nodes import authentication, codec, e2e
 from plant_sim.nodes.authentication import NodeAuthentication
 from plant_sim.nodes.codec import Codec
 
+FRAME_FAULTS = (
+    *("loss", "corruption", "delay", "duplicate", "reorder", "spoof", "replay", "wrong_length"),
+)
 LOSS, CORRUPTION, DELAY, DUPLICATE, REORDER, SPOOF, REPLAY, WRONG_LENGTH = range(8)
 FAULTS = 16
-EVERY_MESSAGE = 1 << 20
-"""Target of a fault of all our messages; else the row of the codec's ``message`` table."""
+EVERY_MESSAGE = (1 << 62) - 1
+"""Places of a fault of all our messages; else the bit of its row of the codec's ``message``."""
 LATER_NS = 1_000_000
 """Delay of a duplicate behind the original."""
 CYCLES_LATE = 1.5
@@ -33,34 +37,19 @@ DRAWN, ATTACKER_AT_ECU, ATTACKER_AT_ACTUATOR, N_CLOCK = range(4)
 
 
 class FrameFaults(NamedTuple):
-    """Faults of frames: rows of :mod:`plant_sim.kernels.schedule`, their values, and signals.
+    """Faults of frames: rows of :mod:`plant_sim.kernels.schedule`, and signals.
 
     ``signal`` (FAULTS, 2): rows of a spoofed signal and of the sample counter, -1: none.
     """
 
-    fault: NDArray[np.int64]
-    value: NDArray[np.float64]
+    fault: Faults
     signal: NDArray[np.int64]
     clock: NDArray[np.int64]
 
 
 @njit
-def _amount(frames: Any, kind: int, row: int, t_ns: int) -> float:  # noqa: ANN401
-    """Largest value, by its strength, of the faults of ``kind`` of a message at ``t_ns``."""
-    amount = 0.0
-    for number in range(FAULTS):
-        fault = frames.fault[number]
-        target = fault[schedule.TARGET]
-        if target < 0:
-            break
-        if fault[schedule.KIND] == kind and target in (row, EVERY_MESSAGE):
-            amount = max(amount, frames.value[number] * schedule.severity(fault, t_ns))
-    return amount
-
-
-@njit
 def _happens(frames: Any, kind: int, row: int, t_ns: int, seed: int) -> bool:  # noqa: ANN401
-    share = _amount(frames, kind, row, t_ns)
+    share = schedule.most(frames.fault, kind, 1 << row, t_ns)
     if share <= 0.0:
         return False
     frames.clock[DRAWN] += 1
@@ -83,8 +72,8 @@ def send(  # noqa: PLR0917
 ) -> None:
     """Queue a frame of message ``row`` (-1: not ours) of ``t_ns`` as its faults have it."""
     late = 0
-    if row >= 0 and frames.fault[0, 0] >= 0:
-        late = int(1e9 * _amount(frames, DELAY, row, t_ns))
+    if row >= 0 and frames.fault[0].places:
+        late = int(1e9 * schedule.most(frames.fault, DELAY, 1 << row, t_ns))
         if _happens(frames, REORDER, row, t_ns, seed):
             cycle = max(int(tables.message[row, codec.CYCLE_NS]), SHORTEST_CYCLE_NS)
             late += int(CYCLES_LATE * cycle)
@@ -97,7 +86,7 @@ def send(  # noqa: PLR0917
 @njit
 def lost(frames: Any, row: int, t_ns: int, seed: int) -> bool:  # noqa: ANN401
     """Whether the receiver of a frame received at ``t_ns`` loses it."""
-    return bool(frames.fault[0, 0] >= 0) and _happens(frames, LOSS, row, t_ns, seed)
+    return bool(frames.fault[0].places) and _happens(frames, LOSS, row, t_ns, seed)
 
 
 @njit
@@ -110,7 +99,7 @@ def damage(  # noqa: PLR0917
     seed: int,
 ) -> None:
     """Invert one bit of a received payload where a fault does so."""
-    if frames.fault[0, 0] >= 0 and length > 0 and _happens(frames, CORRUPTION, row, t_ns, seed):
+    if frames.fault[0].places and length > 0 and _happens(frames, CORRUPTION, row, t_ns, seed):
         draw = uniform(seed, Stream.FRAME_FAULT + FAULTS, frames.clock[DRAWN])
         bit = int(draw * 8 * length)
         payload[bit // 8] = int(payload[bit // 8]) ^ (1 << (bit % 8))
@@ -131,10 +120,10 @@ def attack(  # noqa: PLR0917
     message = tables.message[row]
     for number in range(FAULTS):
         fault = frames.fault[number]
-        if fault[schedule.TARGET] < 0:
+        if fault.places == 0:
             break
-        kind = fault[schedule.KIND]
-        if fault[schedule.TARGET] != row or kind < SPOOF:
+        kind = fault.kind
+        if fault.places != 1 << row or kind < SPOOF:
             continue
         if schedule.severity(fault, entry.t_received) == 0.0:
             continue
@@ -143,14 +132,14 @@ def attack(  # noqa: PLR0917
         for byte in range(len(payload)):
             payload[byte] = entry.payload[byte] if byte < length else 0
         if kind == REPLAY:
-            t_ns += int(1e9 * frames.value[number])
+            t_ns += int(1e9 * fault.value)
         else:
             signal, sample = frames.signal[number, 0], frames.signal[number, 1]
             if kind == SPOOF:
-                raw = codec.raw_value(tables, signal, frames.value[number])
+                raw = codec.raw_value(tables, signal, fault.value)
                 codec.insert(tables, signal, payload, raw)
             else:
-                length = int(frames.value[number])
+                length = int(fault.value)
             if sample >= 0:
                 count = codec.extract(tables, sample, payload) + 1
                 codec.insert(tables, sample, payload, count % 16)

@@ -286,7 +286,7 @@ def _deliver(world: LoopMemory, network: bus.State, commands: NDArray[np.int64])
             continue
         if frame_kernel.lost(frames, row, entry.t_received, clock[SEED]):
             continue
-        if frames.fault[0, 0] < 0:
+        if frames.fault[0].places == 0:
             _take(world, row, entry, entry.payload, commands)
             continue
         payload = world.payload

@@ -117,7 +117,8 @@ def write(
     if ports not in PORTS:
         raise UnknownNameError("kind of ports", ports, PORTS)
     frames = parts.memory[0]["frames"]
-    if frames["fault"][0, 0] >= 0 or np.any(frames["clock"][frame_kernel.ATTACKER_AT_ECU :] >= 0):
+    attackers = frames["clock"][frame_kernel.ATTACKER_AT_ECU :]
+    if frames["fault"]["places"].any() or np.any(attackers >= 0):
         raise CanrollError("faults of frames act on the bus and are not part of the plant: omit it")
     if np.any(parts.memory[0]["tables"]["protection"][:, e2e.METHOD] == e2e.OWN):
         raise CanrollError(
