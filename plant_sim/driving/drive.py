@@ -8,7 +8,7 @@ import numpy as np
 
 from canroll.typing import Vector
 from plant_sim.driving import driver, path, preview
-from plant_sim.driving.driver import FOLLOW_PATH, DriveInputs
+from plant_sim.driving.driver import DRIVER, FOLLOW_PATH, MEMORY, DriveInputs
 from plant_sim.kernels.instants import STEP_NS
 from vehicles import Vehicle
 from vehicles.axles import Axle, axles
@@ -106,57 +106,48 @@ def make_drive(
 
     A ``preview_time`` (s) of 0 is that of :func:`plant_sim.driving.preview.preview_time`.
     """
-    geometry, gains = vehicle.geometry, np.zeros(2 * driver.ROW)
     front, rear = axles(vehicle)
-    p = np.zeros(driver.N_DRIVER)
-    if plan.kind == FOLLOW_PATH:
-        preview_time = preview_time or preview.preview_time(vehicle, speed)
-        gains = preview.table(vehicle, speed, preview_time)
-        p[driver.D_PREVIEW_TIME] = preview_time
-    p[driver.D_LAG] = vehicle.driver.lag
-    p[driver.D_SLIP_LIMIT] = np.inf if plan.at_the_limit else slip_limit(front, friction)
-    p[driver.D_WHEELBASE] = geometry.wheelbase
-    p[driver.D_UNDERSTEER] = vehicle.understeer
-    p[driver.D_STEER_LIMIT] = vehicle.steering.angle_limit
-    p[driver.D_STEER_RATE] = plan.steer_rate or vehicle.steering.rate_limit
-    p[driver.D_RELEASE_TIME] = plan.release_time
-    p[driver.D_PATH_STEP] = path.STEP
-    p[driver.D_TABLE_STEP] = plan.table_step
-    p[driver.D_FRICTION] = friction
-    p[driver.D_ROAD_STEP] = plan.road_step
-    p[driver.D_FRONT] = front.ahead
-    p[driver.D_REAR] = -rear.ahead
-    p[driver.D_TIME_STEP] = STEP_NS * 1e-9
-    p[[driver.D_START, driver.D_AMPLITUDE, driver.D_HOLD, driver.D_RETURN]] = plan.fishhook
-    p[driver.D_CHASSIS_CONTROL] = float(chassis_control)
-    p[driver.D_MASS] = vehicle.total_mass
-    p[driver.D_YAW_INERTIA] = vehicle.mass.yaw_inertia
-    p[driver.D_TRACK] = front.half_track
-    p[driver.D_CORNERING] = front.cornering
-    p[driver.D_CG_HEIGHT] = vehicle.cg_height
-    air = vehicle.side_wind
+    air, geometry = vehicle.side_wind, vehicle.geometry
     middle = 0.5 * (geometry.cg_to_front_axle - geometry.cg_to_rear_axle)
-    p[driver.D_WIND_FACTOR] = air.force_factor
-    p[driver.D_WIND_AHEAD] = air.centre_of_pressure_ahead + middle
-    p[driver.D_WIND_HEIGHT] = air.centre_of_pressure_height
-    x, y = plan.path_xy if plan.path_xy is not None else (np.array([0.0, path.STEP]), np.zeros(2))
-    left, right = plan.road if plan.road is not None else (np.zeros(1), np.zeros(1))
-    grip_left, grip_right = plan.friction if plan.friction is not None else (np.ones(1), np.ones(1))
+    gains, ahead = np.zeros(2 * driver.ROW), 0.0
+    if plan.kind == FOLLOW_PATH:
+        ahead = preview_time or preview.preview_time(vehicle, speed)
+        gains = preview.table(vehicle, speed, ahead)
+    numbers = {
+        "preview_time": ahead,
+        "lag": vehicle.driver.lag,
+        "slip_limit": np.inf if plan.at_the_limit else slip_limit(front, friction),
+        "wheelbase": geometry.wheelbase,
+        "understeer": vehicle.understeer,
+        "steer_limit": vehicle.steering.angle_limit,
+        "steer_rate": plan.steer_rate or vehicle.steering.rate_limit,
+        "release_time": plan.release_time,
+        "table_step": plan.table_step,
+        "road_step": plan.road_step,
+        "friction": friction,
+        "front": front.ahead,
+        "rear": -rear.ahead,
+        **dict(zip(("start", "amplitude", "hold", "back"), plan.fishhook, strict=True)),
+        "chassis_control": float(chassis_control),
+        "mass": vehicle.total_mass,
+        "yaw_inertia": vehicle.mass.yaw_inertia,
+        "track": front.half_track,
+        "cornering": front.cornering,
+        "cg_height": vehicle.cg_height,
+        "wind_factor": air.force_factor,
+        "wind_ahead": air.centre_of_pressure_ahead + middle,
+        "wind_height": air.centre_of_pressure_height,
+    }
+    tables = {name: getattr(plan, name) for name in ("table", "bank", "grade", "wind", "pedal")}
+    tables["speed"] = np.array([speed]) if plan.speed is None else plan.speed
+    tables["path_x"], tables["path_y"] = plan.path_xy or (np.array([0.0, path.STEP]), np.zeros(2))
+    tables["road_left"], tables["road_right"] = plan.road or (None, None)
+    grip = np.ones(1)
+    tables["friction_left"], tables["friction_right"] = plan.friction or (grip, grip)
     return DriveInputs(
         kind=plan.kind,
-        parameters=p,
-        path_x=x,
-        path_y=y,
-        table=np.zeros(1) if plan.table is None else plan.table,
-        speed=np.array([speed]) if plan.speed is None else plan.speed,
-        bank=np.zeros(1) if plan.bank is None else plan.bank,
-        road_left=left,
-        road_right=right,
-        grade=np.zeros(1) if plan.grade is None else plan.grade,
-        friction_left=grip_left,
-        friction_right=grip_right,
-        wind=np.zeros(1) if plan.wind is None else plan.wind,
-        pedal=np.zeros(1) if plan.pedal is None else plan.pedal,
+        parameters=np.array([tuple(numbers[name] for name in DRIVER.names or ())], DRIVER),
         preview=gains,
-        memory=np.zeros(driver.N_MEMORY),
+        memory=np.zeros(1, MEMORY),
+        **{name: np.zeros(1) if table is None else table for name, table in tables.items()},
     )

@@ -6,53 +6,42 @@ near their peak.
 """
 
 from math import cos, floor, hypot, sin
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from canroll.typing import Vector
 from plant_sim.bodies import ports
+from plant_sim.driving.path import STEP as PATH_STEP
 from plant_sim.driving.preview import POINTS, SPEED_STEP
+from plant_sim.kernels.instants import STEP_NS
 from plant_sim.kernels.jit import borrowed, inlined, njit
 from vehicles import GRAVITY
+
+TIME_STEP = STEP_NS * 1e-9
 
 FOLLOW_PATH = 0
 STEER_TABLE = 1
 ACCELERATION_TABLE = 2
 FISHHOOK = 3
 
-(
-    D_PREVIEW_TIME,
-    D_LAG,
-    D_SLIP_LIMIT,
-    D_WHEELBASE,
-    D_UNDERSTEER,
-    D_STEER_LIMIT,
-    D_STEER_RATE,
-    D_RELEASE_TIME,
-    D_PATH_STEP,
-    D_TABLE_STEP,
-    D_FRICTION,
-    D_ROAD_STEP,
-    D_FRONT,
-    D_REAR,
-    D_TIME_STEP,
-    D_START,
-    D_AMPLITUDE,
-    D_HOLD,
-    D_RETURN,
-    D_CHASSIS_CONTROL,
-    D_MASS,
-    D_YAW_INERTIA,
-    D_TRACK,
-    D_CORNERING,
-    D_CG_HEIGHT,
-    D_WIND_FACTOR,
-    D_WIND_AHEAD,
-    D_WIND_HEIGHT,
-) = range(28)
-N_DRIVER = 28
-
-(M_STATION, M_STEER, M_TRAVELLED, M_PHASE, M_SINCE, M_YAW_REFERENCE) = range(6)
-N_MEMORY = 6
+DRIVER = np.dtype(
+    [
+        (name, "f8")
+        for name in (
+            *("preview_time", "lag", "slip_limit", "wheelbase", "understeer", "steer_limit"),
+            *("steer_rate", "release_time", "table_step", "road_step", "friction", "front", "rear"),
+            *("start", "amplitude", "hold", "back", "chassis_control", "mass", "yaw_inertia"),
+            *("track", "cornering", "cg_height", "wind_factor", "wind_ahead", "wind_height"),
+        )
+    ]
+)
+"""Driver, car and steps of a drive's tables; ``start`` to ``back`` are those of a fishhook."""
+MEMORY = np.dtype(
+    [(name, "f8") for name in ("station", "steer", "travelled", "phase", "since", "yaw_reference")]
+)
+"""What the driver keeps from step to step."""
 
 STATES = 3
 ROW = STATES + POINTS
@@ -83,7 +72,8 @@ class DriveInputs(NamedTuple):
 
     kind: int
     """FOLLOW_PATH, STEER_TABLE (road-wheel angle over time), ACCELERATION_TABLE or FISHHOOK."""
-    parameters: Vector
+    parameters: NDArray[Any]
+    """One :data:`DRIVER`."""
     path_x: Vector
     """Path at equal steps of arc length (m)."""
     path_y: Vector
@@ -108,7 +98,8 @@ class DriveInputs(NamedTuple):
     released; one alone: 0."""
     preview: Vector
     """Preview gains over speed, see :func:`plant_sim.driving.preview.table`."""
-    memory: Vector
+    memory: NDArray[Any]
+    """One :data:`MEMORY`."""
 
 
 OVER_DISTANCE = (
@@ -157,7 +148,7 @@ def sample(table: Vector, position: float) -> float:
 @inlined
 def _segment(drive: DriveInputs, station: float) -> tuple[int, float]:
     """Segment of the path at ``station`` (m), and the share of it that lies before."""
-    place = station / drive.parameters[D_PATH_STEP]
+    place = station / PATH_STEP
     i = min(max(floor(place), 0), drive.path_x.size - 2)
     return i, place - i
 
@@ -190,11 +181,11 @@ def off_path(drive: DriveInputs, station: float, x: Vector, y: Vector, left: Vec
 @inlined
 def _follow(outputs: Vector, drive: DriveInputs) -> float:
     """Road-wheel angle demanded by the driver (rad); updates station and path error."""
-    memory = drive.memory
+    memory = drive.memory[0]
     speed = max(hypot(outputs[ports.VX], outputs[ports.VY]), 1.0)
-    x, y, tx, ty = _path_point(drive, memory[M_STATION])
+    x, y, tx, ty = _path_point(drive, memory.station)
     away_x, away_y = outputs[ports.X] - x, outputs[ports.Y] - y
-    memory[M_STATION] += min(max(away_x * tx + away_y * ty, 0.0), 1.0)
+    memory.station += min(max(away_x * tx + away_y * ty, 0.0), 1.0)
     outputs[ports.PATH_ERROR] = away_y * tx - away_x * ty
     return _previewed(outputs, drive, speed)
 
@@ -208,7 +199,7 @@ def _gain(table: Vector, at: int, part: float) -> float:
 @inlined
 def _previewed(outputs: Vector, drive: DriveInputs, speed: float) -> float:
     """Demand of the preview control (rad), up to the slip angle that the driver allows."""
-    parameters, memory, table = drive.parameters, drive.memory, drive.preview
+    parameters, memory, table = drive.parameters[0], drive.memory[0], drive.preview
     # the table's ends hold beyond them
     last = table.size // ROW - 1
     held = min(max(speed / SPEED_STEP - 1.0, 0.0), float(last))
@@ -216,18 +207,18 @@ def _previewed(outputs: Vector, drive: DriveInputs, speed: float) -> float:
     at, part = row * ROW, held - row
     wanted = -outputs[ports.VY] * _gain(table, at, part)
     wanted -= outputs[ports.YAW_RATE] * _gain(table, at + 1, part)
-    wanted -= memory[M_STEER] * _gain(table, at + 2, part)
+    wanted -= memory.steer * _gain(table, at + 2, part)
     cosine, sine = cos(outputs[ports.YAW]), sin(outputs[ports.YAW])
-    apart = speed * parameters[D_PREVIEW_TIME] / POINTS
+    apart = speed * parameters.preview_time / POINTS
     for k in range(POINTS):
-        i, along = _segment(drive, memory[M_STATION] + apart * (k + 1))
+        i, along = _segment(drive, memory.station + apart * (k + 1))
         x = drive.path_x[i] + along * (drive.path_x[i + 1] - drive.path_x[i])
         y = drive.path_y[i] + along * (drive.path_y[i + 1] - drive.path_y[i])
         offset = (y - outputs[ports.Y]) * cosine - (x - outputs[ports.X]) * sine
         wanted += offset * _gain(table, at + STATES + k, part)
-    across = outputs[ports.VY] + parameters[D_FRONT] * outputs[ports.YAW_RATE]
+    across = outputs[ports.VY] + parameters.front * outputs[ports.YAW_RATE]
     straight = across / max(outputs[ports.VX], 1.0)
-    limit = parameters[D_SLIP_LIMIT]
+    limit = parameters.slip_limit
     return float(min(max(wanted, straight - limit), straight + limit))
 
 
@@ -238,23 +229,23 @@ def _fishhook(time: float, outputs: Vector, drive: DriveInputs) -> float:
     Steer to the amplitude, wait until the roll has built up, steer as far to the other side, hold,
     and return. ``memory`` keeps the phase and its start.
     """
-    parameters, memory = drive.parameters, drive.memory
-    amplitude = parameters[D_AMPLITUDE]
-    if memory[M_PHASE] == 0.0 and time >= parameters[D_START]:
-        memory[M_PHASE] = 1.0
-    elif memory[M_PHASE] == 1.0 and abs(memory[M_STEER] - amplitude) < 1e-9:
+    parameters, memory = drive.parameters[0], drive.memory[0]
+    amplitude = parameters.amplitude
+    if memory.phase == 0.0 and time >= parameters.start:
+        memory.phase = 1.0
+    elif memory.phase == 1.0 and abs(memory.steer - amplitude) < 1e-9:
         # The roll rate is far above the threshold here unless the car is already settling.
         if abs(outputs[ports.ROLL_RATE]) < REVERSAL_ROLL_RATE:
-            memory[M_PHASE] = 2.0
-    elif memory[M_PHASE] == 2.0 and abs(memory[M_STEER] + amplitude) < 1e-9:
-        memory[M_PHASE], memory[M_SINCE] = 3.0, time
-    if memory[M_PHASE] == 0.0:
+            memory.phase = 2.0
+    elif memory.phase == 2.0 and abs(memory.steer + amplitude) < 1e-9:
+        memory.phase, memory.since = 3.0, time
+    if memory.phase == 0.0:
         return 0.0
-    if memory[M_PHASE] == 1.0:
+    if memory.phase == 1.0:
         return float(amplitude)
-    if memory[M_PHASE] == 2.0:
+    if memory.phase == 2.0:
         return float(-amplitude)
-    back = (time - memory[M_SINCE] - parameters[D_HOLD]) / parameters[D_RETURN]
+    back = (time - memory.since - parameters.hold) / parameters.back
     return float(-amplitude * min(max(1.0 - back, 0.0), 1.0))
 
 
@@ -265,26 +256,26 @@ def _stabilise(outputs: Vector, inputs: Vector, drive: DriveInputs) -> None:
     Demands the yaw moment that brings the yaw rate to the linear car's, limited to the lateral
     acceleration that the road permits; applied by the vehicle, independently of the roll law.
     """
-    parameters, memory = drive.parameters, drive.memory
+    parameters, memory = drive.parameters[0], drive.memory[0]
     speed = max(outputs[ports.VX], 3.0)
     wanted = inputs[ports.STEER] * speed
-    wanted /= parameters[D_WHEELBASE] + parameters[D_UNDERSTEER] * speed**2
-    most = 0.85 * GRAVITY * parameters[D_FRICTION] / speed
+    wanted /= parameters.wheelbase + parameters.understeer * speed**2
+    most = 0.85 * GRAVITY * parameters.friction / speed
     wanted = min(max(wanted, -most), most)
-    dt = parameters[D_TIME_STEP]
-    memory[M_YAW_REFERENCE] += (wanted - memory[M_YAW_REFERENCE]) * dt / (YAW_REFERENCE_LAG + dt)
-    error = memory[M_YAW_REFERENCE] - outputs[ports.YAW_RATE]
+    dt = TIME_STEP
+    memory.yaw_reference += (wanted - memory.yaw_reference) * dt / (YAW_REFERENCE_LAG + dt)
+    error = memory.yaw_reference - outputs[ports.YAW_RATE]
     error = max(error - YAW_DEAD_BAND, 0.0) + min(error + YAW_DEAD_BAND, 0.0)
-    moment = YAW_GAIN * parameters[D_YAW_INERTIA] * error
-    limit = 0.15 * parameters[D_MASS] * GRAVITY * parameters[D_FRICTION] * parameters[D_TRACK]
-    brake = min(max(0.5 * moment, -limit), limit) / parameters[D_TRACK]
+    moment = YAW_GAIN * parameters.yaw_inertia * error
+    limit = 0.15 * parameters.mass * GRAVITY * parameters.friction * parameters.track
+    brake = min(max(0.5 * moment, -limit), limit) / parameters.track
     for wheel in range(4):
         inputs[ports.BRAKE_FORCE + wheel] = 0.0
     if brake > 0.0:
         inputs[ports.BRAKE_FORCE] = brake
     else:
         inputs[ports.BRAKE_FORCE + 1] = -brake
-    extra = 0.5 * moment / (parameters[D_CORNERING] * parameters[D_FRONT])
+    extra = 0.5 * moment / (parameters.cornering * parameters.front)
     inputs[ports.STEER] += min(max(extra, -EXTRA_STEER_LIMIT), EXTRA_STEER_LIMIT)
 
 
@@ -294,16 +285,16 @@ def _press(time: float, inputs: Vector, drive: DriveInputs) -> None:
 
     Brakes of the chassis control are added to those of the pedal.
     """
-    parameters = drive.parameters
-    since = (time - parameters[D_RELEASE_TIME]) / parameters[D_TIME_STEP]
-    wanted = parameters[D_MASS] * sample(drive.pedal, since)
+    parameters = drive.parameters[0]
+    since = (time - parameters.release_time) / TIME_STEP
+    wanted = parameters.mass * sample(drive.pedal, since)
     inputs[ports.DRIVE_FORCE] = max(wanted, 0.0)
     braked = max(-wanted, 0.0)
-    moved = parameters[D_CG_HEIGHT] * braked / (parameters[D_MASS] * GRAVITY)
-    front = (parameters[D_REAR] + moved) / parameters[D_WHEELBASE]
+    moved = parameters.cg_height * braked / (parameters.mass * GRAVITY)
+    front = (parameters.rear + moved) / parameters.wheelbase
     for wheel in range(4):
         share = front if wheel < 2 else 1.0 - front
-        own = inputs[ports.BRAKE_FORCE + wheel] if parameters[D_CHASSIS_CONTROL] != 0.0 else 0.0
+        own = inputs[ports.BRAKE_FORCE + wheel] if parameters.chassis_control != 0.0 else 0.0
         inputs[ports.BRAKE_FORCE + wheel] = own + 0.5 * share * braked
 
 
@@ -316,7 +307,7 @@ def _grip(front: float, rear: float, inputs: Vector, drive: DriveInputs) -> None
     inputs[ports.WHEEL_FRICTION + 3] = sample(drive.friction_right, rear)
     mean = 0.0
     for wheel in range(4):
-        inputs[ports.WHEEL_FRICTION + wheel] *= drive.parameters[D_FRICTION]
+        inputs[ports.WHEEL_FRICTION + wheel] *= drive.parameters[0].friction
         mean += 0.25 * inputs[ports.WHEEL_FRICTION + wheel]
     inputs[ports.FRICTION] = mean
     for wheel in range(4):
@@ -324,14 +315,14 @@ def _grip(front: float, rear: float, inputs: Vector, drive: DriveInputs) -> None
 
 
 @njit
-def _blow(wind: float, outputs: Vector, inputs: Vector, parameters: Vector) -> None:
+def _blow(wind: float, outputs: Vector, inputs: Vector, parameters: Any) -> None:  # noqa: ANN401
     """Fill the force of a ``wind`` (m/s) along the world's y axis: see ``Aerodynamics``."""
     along = wind * sin(outputs[ports.YAW]) - outputs[ports.VX]
     across = wind * cos(outputs[ports.YAW]) - outputs[ports.VY]
-    force = parameters[D_WIND_FACTOR] * hypot(along, across) * across
+    force = parameters.wind_factor * hypot(along, across) * across
     inputs[ports.WIND_FORCE] = force
-    inputs[ports.WIND_ROLL] = -parameters[D_WIND_HEIGHT] * force
-    inputs[ports.WIND_YAW] = parameters[D_WIND_AHEAD] * force
+    inputs[ports.WIND_ROLL] = -parameters.wind_height * force
+    inputs[ports.WIND_YAW] = parameters.wind_ahead * force
 
 
 @inlined
@@ -341,46 +332,46 @@ def drive(t_ns: int, outputs: Vector, inputs: Vector, drive: DriveInputs) -> Non
     Writes steering, drive force, bank, friction, road heights, wind or prescribed acceleration, and
     the path error into ``outputs``; leaves the actuator slots unchanged.
     """
-    parameters, memory = drive.parameters, drive.memory
+    parameters, memory = drive.parameters[0], drive.memory[0]
     time = t_ns * 1e-9
-    dt = parameters[D_TIME_STEP]
+    dt = TIME_STEP
     if drive.kind == ACCELERATION_TABLE:
-        inputs[ports.LATERAL_ACCELERATION] = sample(drive.table, time / parameters[D_TABLE_STEP])
+        inputs[ports.LATERAL_ACCELERATION] = sample(drive.table, time / parameters.table_step)
     else:
         if drive.kind == FOLLOW_PATH:
             wanted = _follow(outputs, drive)
-            change = (wanted - memory[M_STEER]) * dt / (parameters[D_LAG] + dt)
+            change = (wanted - memory.steer) * dt / (parameters.lag + dt)
         elif drive.kind == FISHHOOK:
-            change = _fishhook(time, outputs, drive) - memory[M_STEER]
+            change = _fishhook(time, outputs, drive) - memory.steer
         else:
-            change = sample(drive.table, time / parameters[D_TABLE_STEP]) - memory[M_STEER]
-        most = parameters[D_STEER_RATE] * dt
-        steer = memory[M_STEER] + min(max(change, -most), most)
-        memory[M_STEER] = min(max(steer, -parameters[D_STEER_LIMIT]), parameters[D_STEER_LIMIT])
-        inputs[ports.STEER] = memory[M_STEER]
+            change = sample(drive.table, time / parameters.table_step) - memory.steer
+        most = parameters.steer_rate * dt
+        steer = memory.steer + min(max(change, -most), most)
+        memory.steer = min(max(steer, -parameters.steer_limit), parameters.steer_limit)
+        inputs[ports.STEER] = memory.steer
 
-    inputs[ports.FRICTION] = parameters[D_FRICTION]
-    if parameters[D_CHASSIS_CONTROL] != 0.0:
+    inputs[ports.FRICTION] = parameters.friction
+    if parameters.chassis_control != 0.0:
         _stabilise(outputs, inputs, drive)
-    if time < parameters[D_RELEASE_TIME]:
+    if time < parameters.release_time:
         # The speed and what it changes by in one lag, by which the car is behind: a ramp is then
         # followed without lag. The change is that about this instant, so that corners stay.
         ahead = sample(drive.speed, time / dt)
         ahead += sample(drive.speed, (time + 0.5 * SPEED_LAG) / dt)
         ahead -= sample(drive.speed, (time - 0.5 * SPEED_LAG) / dt)
-        inputs[ports.DRIVE_FORCE] = parameters[D_MASS] / SPEED_LAG * (ahead - outputs[ports.VX])
+        inputs[ports.DRIVE_FORCE] = parameters.mass / SPEED_LAG * (ahead - outputs[ports.VX])
     elif drive.pedal.size > 1:
         _press(time, inputs, drive)
     else:
         inputs[ports.DRIVE_FORCE] = 0.0
 
-    memory[M_TRAVELLED] += max(outputs[ports.VX], 0.0) * dt
-    step = parameters[D_ROAD_STEP]
-    travelled = memory[M_TRAVELLED]
+    memory.travelled += max(outputs[ports.VX], 0.0) * dt
+    step = parameters.road_step
+    travelled = memory.travelled
     inputs[ports.BANK] = sample(drive.bank, travelled / step)
     inputs[ports.GRADE] = sample(drive.grade, travelled / step)
-    front = (travelled + parameters[D_FRONT]) / step
-    rear = (travelled - parameters[D_REAR]) / step
+    front = (travelled + parameters.front) / step
+    rear = (travelled - parameters.rear) / step
     if drive.friction_left.size > 1:
         _grip(front, rear, inputs, drive)
     if drive.wind.size > 1:

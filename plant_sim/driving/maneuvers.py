@@ -14,13 +14,8 @@ from plant_sim.driving import MANEUVERS, road
 from plant_sim.driving.drive import ManeuverKind, ManeuverPlan, make_drive
 from plant_sim.driving.driver import (
     ACCELERATION_TABLE,
-    D_CHASSIS_CONTROL,
-    D_PREVIEW_TIME,
-    D_ROAD_STEP,
-    D_STEER_RATE,
-    D_TABLE_STEP,
     FOLLOW_PATH,
-    N_MEMORY,
+    MEMORY,
     OVER_DISTANCE,
     SPEED_LAG,
     STEER_TABLE,
@@ -263,7 +258,7 @@ def build(
             standard += f", non-standard: lane offset {vehicle.lane_offset:g} m"
     drive = make_drive(vehicle, entry, plan, **common)
     if plan.kind == FOLLOW_PATH:
-        effective["preview_time"] = float(drive.parameters[D_PREVIEW_TIME])
+        effective["preview_time"] = float(drive.parameters["preview_time"][0])
     else:
         del effective["preview_time"]
     return Maneuver(
@@ -312,14 +307,14 @@ def replay(maneuver: Maneuver, steer: Vector) -> Maneuver:
     part, so chassis control is off.
     """
     parameters = maneuver.drive.parameters.copy()
-    parameters[D_CHASSIS_CONTROL] = 0.0
-    parameters[D_TABLE_STEP] = STEP_NS * 1e-9
-    parameters[D_STEER_RATE] = np.inf
+    parameters["chassis_control"] = 0.0
+    parameters["table_step"] = STEP_NS * 1e-9
+    parameters["steer_rate"] = np.inf
     drive = maneuver.drive._replace(
         kind=STEER_TABLE,
         parameters=parameters,
         table=np.ascontiguousarray(steer),
-        memory=np.zeros(N_MEMORY),
+        memory=np.zeros(1, MEMORY),
     )
     return replace(maneuver, title=f"{maneuver.title}, steering replayed", drive=drive)
 
@@ -338,15 +333,15 @@ def straightened(maneuver: Maneuver, steer: Vector, speed: Vector, duration: flo
     """
     drive, dt = maneuver.drive, STEP_NS * 1e-9
     if drive.kind == ACCELERATION_TABLE:
-        first = int(len(steer) * dt / drive.parameters[D_TABLE_STEP])
+        first = int(len(steer) * dt / drive.parameters["table_step"][0])
         table = np.append(drive.table[: first + 1], 0.0)
     else:
-        steps = 1 + int(abs(steer[-1]) / (drive.parameters[D_STEER_RATE] * dt))
+        steps = 1 + int(abs(steer[-1]) / (drive.parameters["steer_rate"][0] * dt))
         maneuver = replay(maneuver, np.append(steer, np.linspace(steer[-1], 0.0, steps + 1)[1:]))
         drive = maneuver.drive
         table = drive.table
     travelled = float(np.sum(np.maximum(speed, 0.0))) * dt
-    passed = 1 + int(travelled / drive.parameters[D_ROAD_STEP])
+    passed = 1 + int(travelled / drive.parameters["road_step"][0])
     seen = 1 + len(steer) + round(0.5 * SPEED_LAG / dt)
     return replace(
         maneuver,
@@ -355,7 +350,7 @@ def straightened(maneuver: Maneuver, steer: Vector, speed: Vector, duration: flo
             parameters=drive.parameters.copy(),
             table=table,
             speed=drive.speed[:seen],
-            memory=np.zeros(N_MEMORY),
+            memory=np.zeros(1, MEMORY),
             **{name: getattr(drive, name)[:passed] for name in OVER_DISTANCE},
         ),
     )

@@ -50,8 +50,8 @@ def test_unknown_names_speeds_and_options_are_refused():
 
 def test_options_of_a_command_line_come_as_text():
     with_text = maneuvers.build("moose", VAN, friction="0.5", chassis_control="off")
-    assert with_text.drive.parameters[driver.D_FRICTION] == 0.5
-    assert with_text.drive.parameters[driver.D_CHASSIS_CONTROL] == 0.0
+    assert with_text.drive.parameters["friction"] == 0.5
+    assert with_text.drive.parameters["chassis_control"] == 0.0
     assert maneuvers.options("constant_radius")["radius"] == 100.0
 
 

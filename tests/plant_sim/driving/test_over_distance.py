@@ -169,7 +169,7 @@ def test_friction_of_a_file_is_met_by_each_wheel_at_its_place(tmp_path):
 
     def at(distance):
         maneuver.drive.memory[:] = 0.0
-        maneuver.drive.memory[2] = distance - 0.01
+        maneuver.drive.memory["travelled"] = distance - 0.01
         open_loop.apply_drive(0, outputs, inputs, maneuver.drive)
         wheels = inputs[ports.WHEEL_FRICTION : ports.WHEEL_FRICTION + 4]
         return inputs[ports.FRICTION] + wheels

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 import vehicles
 from plant_sim import bodies
 from plant_sim.bodies import ports
-from plant_sim.driving import driver, maneuvers, preview, standards
+from plant_sim.driving import maneuvers, preview, standards
 from plant_sim.world.open_loop import run_passive, signals
 
 SEDAN = vehicles.load("sedan_320i")
@@ -81,7 +81,7 @@ def test_a_circle_is_followed_without_error():
 
 def test_front_tyres_stay_near_their_peak():
     maneuver = maneuvers.build("moose", SEDAN, 90 / 3.6, friction=0.5)
-    most = maneuver.drive.parameters[driver.D_SLIP_LIMIT]
+    most = maneuver.drive.parameters["slip_limit"][0]
 
     def slip():
         outputs, steer = run_passive(SEDAN, bodies.body("nonlinear"), maneuver)
@@ -90,7 +90,7 @@ def test_front_tyres_stay_near_their_peak():
 
     # the arms lag behind the demand
     assert most < slip() < 1.6 * most
-    maneuver.drive.parameters[driver.D_SLIP_LIMIT] = np.inf
+    maneuver.drive.parameters["slip_limit"] = np.inf
     maneuver.drive.memory[:] = 0.0
     assert slip() > 2.0 * most
 
