@@ -20,7 +20,9 @@ def _fields(parts: Any) -> Iterator[tuple[str, Any]]:  # noqa: ANN401
 def _columns(parts: Any) -> tuple[Any, ...]:  # noqa: ANN401
     columns: list[Any] = []
     for name, value in _fields(parts):
-        if isinstance(value, np.ndarray):
+        if isinstance(value, np.void):
+            columns.append((name, value.dtype))
+        elif isinstance(value, np.ndarray):
             columns.append((name, value.dtype, value.shape))
         elif isinstance(value, tuple):
             columns.append((name, _dtype(_columns(value))))
@@ -43,7 +45,7 @@ def _fill(record: Any, parts: Any) -> None:  # noqa: ANN401
 
 
 def to_record(parts: Any) -> NDArray[Any]:  # noqa: ANN401
-    """Copy a named tuple of arrays, integers and named tuples into an array of one record.
+    """Copy a named tuple of arrays, records, integers and named tuples into an array of one record.
 
     The record's attributes are the tuple's, so that kernels accept either; its type is fixed by the
     shapes of all arrays in it.

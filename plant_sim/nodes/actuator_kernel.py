@@ -6,16 +6,15 @@ roll, which hardly overshoots, and at once where it would push outward. A disabl
 acknowledges commands and delivers nothing.
 """
 
-from typing import NamedTuple
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.kernels import schedule
 from plant_sim.kernels.jit import njit
-from plant_sim.kernels.schedule import Faults
-from plant_sim.nodes import codec, e2e, envelope
+from plant_sim.nodes import codec, e2e, envelope, hydraulics
 from plant_sim.nodes.codec import Codec
-from plant_sim.nodes.envelope import Envelope
 from vehicles.actuators import Bars, Dampers, SuspensionActuator, Valves
 
 SUSPENSION, BARS, DAMPERS, VALVES = (
@@ -30,59 +29,49 @@ FAULT_NAMES = (
 )
 STUCK, FLOATING, WEAK, DEAD, SLOW, REVERSED, RUNAWAY, DERATING, LYING = range(9)
 
-# Slots of Actuators.flag. STATUS, LATCHED: one for each corner.
-(
-    KIND,
-    ENABLED,
-    POWERED,
-    HELD,
-    COUNTER,
-    SOURCE,
-    TIMEOUT,
-    T_ACCEPTED,
-    REJECTED,
-    STATUS,
-) = range(10)
-LATCHED = STATUS + 4
-N_FLAGS = LATCHED + 4
 NO_COUNTER = -1
 """All bits of the echo are set, as long as no command has been accepted."""
-
-# Slots of Actuators.state: four channels each, then both axles each, then the hydraulics.
-# FADING is what the reference loses in a step without a command, REPORTED the value of the last
-# ActuatorState.
-DEMAND, REFERENCE, FADING, ACTUAL, APPLIED = 0, 4, 8, 12, 16
-DELIVERED, ESTIMATE, REPORTED = 20, 22, 24
-HYDRAULICS = 26
-N_STATE = HYDRAULICS + 10
-
-# Columns of Actuators.message.
-MESSAGE, FIRST_SIGNAL, CHANNELS = range(3)
 
 # Room in the node's tables: accepted messages, points of the damper map, faults.
 MESSAGES, CURVE_POINTS, FAULTS = 2, 8, 16
 
+ACTUATOR_NODE = np.dtype(
+    [
+        *((name, "f8") for name in ("lag", "limit", "rate", "fade", "power", "estimate_gain")),
+        *((name, "f8") for name in ("estimate_lag", "current_limit", "integrated")),
+        ("half_track", "f8", (2,)),
+        ("hydraulics", hydraulics.VALVE),
+        ("curve", "f8", (3, CURVE_POINTS)),
+        ("message", [(name, "i8") for name in ("row", "first_signal", "channels")], (MESSAGES,)),
+        ("report", "i8", (9,)),
+        ("fault", schedule.FAULT, (FAULTS,)),
+        ("supervision", [(name, "i8") for name in e2e.Supervision._fields]),
+        *((name, "i8") for name in ("kind", "enabled", "powered", "timeout")),
+        *((name, "i8") for name in ("held", "counter", "source", "t_accepted", "rejected")),
+        *((name, "i8", (4,)) for name in ("status", "latched")),
+        *((name, "f8", (4,)) for name in ("demand", "reference", "fading", "actual", "applied")),
+        *((name, "f8", (2,)) for name in ("delivered", "estimate", "reported")),
+        ("motor", "f8", (2, 5)),
+        ("receiver", e2e.RECEIVER, (MESSAGES,)),
+        ("envelope", envelope.ENVELOPE),
+    ]
+)
+"""An actuator node: its settings, the messages that it takes and sends, faults, then its state.
 
-class ActuatorNode(NamedTuple):
-    """One actuator node: configuration, state, accepted messages with their E2E receivers."""
-
-    setting: NDArray[np.float64]
-    curve: NDArray[np.float64]
-    state: NDArray[np.float64]
-    flag: NDArray[np.int64]
-    message: NDArray[np.int64]
-    receiver: NDArray[np.int64]
-    report: NDArray[np.int64]
-    fault: Faults
-    supervision: e2e.Supervision
-    envelope: Envelope
+``lag`` is the share of the way to its reference that a channel goes in a step, ``rate`` the
+reference's change in a step, ``fade`` the share of it that goes after a command; ``integrated``:
+the body includes the hydraulics. ``status`` and ``latched`` are of the corners, ``demand`` to
+``applied`` of the channels, the next of the axles. ``fading`` is what the reference loses in a step
+without a command, ``reported`` the estimate in the last ActuatorState, ``motor`` the hydraulics.
+"""
+ActuatorNode: TypeAlias = Any
 
 
 @njit
 def listens(node: ActuatorNode, message: int) -> int:
     """Index of row ``message`` of the tables among the node's messages; -1 for none."""
     for which in range(MESSAGES):
-        if message >= 0 and node.message[which, MESSAGE] == message:
+        if message >= 0 and node.message[which].row == message:
             return which
     return -1
 
@@ -97,7 +86,7 @@ def receive(
     demand of its channel is zero.
     """
     row = node.message[which]
-    number = row[MESSAGE]
+    number = row.row
     status = e2e.check(
         node.receiver[which],
         node.supervision,
@@ -107,46 +96,46 @@ def receive(
         payload,
     )
     if status not in (e2e.OK, e2e.SOME_LOST, e2e.INITIAL):
-        node.flag[REJECTED] += 1
+        node.rejected += 1
         return False
-    for channel in range(row[CHANNELS]):
-        signal = row[FIRST_SIGNAL] + channel
+    for channel in range(row.channels):
+        signal = row.first_signal + channel
         raw = codec.extract(tables, signal, payload)
         value = codec.physical(tables, signal, raw)
         accepted = codec.valid(tables, signal, raw) and codec.agrees(tables, signal, payload)
-        node.state[DEMAND + channel] = value if accepted else 0.0
-    node.flag[HELD] = 1
-    node.flag[COUNTER] = e2e.counter_of(tables.protection[number], tables.terms[number], payload)
-    node.flag[SOURCE] = which
-    node.flag[T_ACCEPTED] = t_ns
+        node.demand[channel] = value if accepted else 0.0
+    node.held = 1
+    node.counter = e2e.counter_of(tables.protection[number], tables.terms[number], payload)
+    node.source = which
+    node.t_accepted = t_ns
     return True
 
 
 @njit
 def supervise(node: ActuatorNode, t_ns: int) -> None:
     """Release a command that was not renewed within the timeout; judge it by the envelope."""
-    if node.flag[HELD] and t_ns - node.flag[T_ACCEPTED] > node.flag[TIMEOUT]:
-        node.flag[HELD] = 0
-        node.state[DEMAND : DEMAND + 4] = 0.0
-    if not node.flag[HELD] and envelope.outward(node.envelope, _fading_moment(node), t_ns):
-        node.state[FADING : FADING + 4] = np.inf
-    if not node.flag[ENABLED]:
+    if node.held and t_ns - node.t_accepted > node.timeout:
+        node.held = 0
+        node.demand[:] = 0.0
+    if not node.held and envelope.outward(node.envelope, _fading_moment(node), t_ns):
+        node.fading[:] = np.inf
+    if not node.enabled:
         return
-    demand = node.state[DEMAND : DEMAND + 4]
+    demand = node.demand
     front = envelope.moment_of(node.envelope, 0, demand)
     rear = envelope.moment_of(node.envelope, 1, demand)
-    if node.flag[KIND] == VALVES and node.flag[SOURCE] == 0:
-        front, rear = node.state[DELIVERED], node.state[DELIVERED + 1]
+    if node.kind == VALVES and node.source == 0:
+        front, rear = node.delivered[0], node.delivered[1]
     if envelope.cuts(node.envelope, front, rear, t_ns):
         for corner in range(4):
-            node.flag[LATCHED + corner] = max(node.flag[LATCHED + corner], STATUS_LIMITED)
+            node.latched[corner] = max(node.latched[corner], STATUS_LIMITED)
 
 
 @njit
 def _fading_moment(node: ActuatorNode) -> float:
     """Roll moment (N·m) of what is left of a command; of valves the channels are moments."""
-    left = node.state[REFERENCE : REFERENCE + 4]
-    if node.flag[KIND] == VALVES:
+    left = node.reference
+    if node.kind == VALVES:
         return float(left[0] + left[1])
     return envelope.moment_of(node.envelope, 0, left) + envelope.moment_of(node.envelope, 1, left)
 
@@ -154,7 +143,7 @@ def _fading_moment(node: ActuatorNode) -> float:
 @njit
 def follows(node: ActuatorNode) -> bool:
     """Whether the node follows its command: it is enabled, and its envelope does not refuse."""
-    return bool(node.flag[ENABLED] and node.envelope.memory[envelope.ACTED] == 0.0)
+    return bool(node.enabled and node.envelope.acted == 0.0)
 
 
 @njit
@@ -162,8 +151,8 @@ def set_status(node: ActuatorNode, corners: int, status: int) -> None:
     """Record the status of ``corners`` (bit by bit); the worst is kept until reported."""
     for corner in range(4):
         if corners >> corner & 1:
-            node.flag[STATUS + corner] = status
-            node.flag[LATCHED + corner] = max(node.flag[LATCHED + corner], status)
+            node.status[corner] = status
+            node.latched[corner] = max(node.latched[corner], status)
 
 
 @njit
@@ -178,14 +167,14 @@ def report(
     for axle in range(2):
         signal = node.report[axle]
         if not frozen:
-            node.state[REPORTED + axle] = node.state[ESTIMATE + axle]
-        raw = codec.raw_value(tables, signal, node.state[REPORTED + axle])
+            node.reported[axle] = node.estimate[axle]
+        raw = codec.raw_value(tables, signal, node.reported[axle])
         codec.put(tables, message, signal, payload, raw)
     for corner in range(4):
         status = node.report[2 + corner]
         if tables.field[status, codec.FRAME] == message:
-            codec.insert(tables, status, payload, node.flag[LATCHED + corner])
-            node.flag[LATCHED + corner] = node.flag[STATUS + corner]
-    codec.put(tables, message, node.report[6], payload, node.flag[ENABLED])
-    codec.put(tables, message, node.report[7], payload, node.flag[HELD])
-    codec.put(tables, message, node.report[8], payload, node.flag[COUNTER])
+            codec.insert(tables, status, payload, node.latched[corner])
+            node.latched[corner] = node.status[corner]
+    codec.put(tables, message, node.report[6], payload, node.enabled)
+    codec.put(tables, message, node.report[7], payload, node.held)
+    codec.put(tables, message, node.report[8], payload, node.counter)

@@ -10,28 +10,15 @@ from plant_sim.kernels.jit import njit
 from plant_sim.kernels.schedule import factor, most, total
 from plant_sim.nodes import hydraulics
 from plant_sim.nodes.actuator_kernel import (
-    ACTUAL,
-    APPLIED,
     BARS,
     DAMPERS,
     DEAD,
-    DELIVERED,
-    DEMAND,
     DERATING,
-    ENABLED,
-    ESTIMATE,
-    FADING,
     FLOATING,
-    HELD,
-    HYDRAULICS,
-    KIND,
     LYING,
-    POWERED,
-    REFERENCE,
     REVERSED,
     RUNAWAY,
     SLOW,
-    SOURCE,
     STATUS_FLOATING,
     STATUS_LIMITED,
     STATUS_OK,
@@ -44,24 +31,8 @@ from plant_sim.nodes.actuator_kernel import (
     set_status,
 )
 
-# Slots of Actuators.setting. LAG is the share of the way to its reference that a channel goes in
-# a step, RATE the reference's change in a step, FADE the share of it that goes after a command.
-(
-    LAG,
-    LIMIT,
-    RATE,
-    FADE,
-    POWER,
-    TRACK_FRONT,
-    TRACK_REAR,
-    ESTIMATE_GAIN,
-    ESTIMATE_LAG,
-    CURRENT_LIMIT,
-    TORQUE_LOOP,
-    INTEGRATED,
-    HYDRAULIC_PARAMETERS,
-) = range(13)
-
+TORQUE_LOOP = 40.0
+"""Bandwidth (rad/s) of the valves' loop."""
 # Share of its way that a channel without lag goes in a step, for one that is to be slowed down.
 SLOWED = 0.99
 
@@ -81,22 +52,21 @@ def clip(value: float, limit: float) -> float:
 @njit
 def refer(node: ActuatorNode, channel: int, demand: float) -> bool:
     """Move a channel's reference towards ``demand``; return whether limit or rate was active."""
-    setting, state = node.setting, node.state
-    kept = clip(demand, setting[LIMIT])
-    change = setting[RATE]
-    if not node.flag[HELD]:
-        change = min(change, state[FADING + channel])
-    step = kept - state[REFERENCE + channel]
-    hold(node, channel, state[REFERENCE + channel] + clip(step, change))
+    kept = clip(demand, node.limit)
+    change = node.rate
+    if not node.held:
+        change = min(change, node.fading[channel])
+    step = kept - node.reference[channel]
+    hold(node, channel, node.reference[channel] + clip(step, change))
     return bool(kept != demand or abs(step) > change)
 
 
 @njit
 def hold(node: ActuatorNode, channel: int, reference: float) -> None:
     """Set a channel's reference, and while a command is held how fast it fades after it."""
-    node.state[REFERENCE + channel] = reference
-    if node.flag[HELD]:
-        node.state[FADING + channel] = abs(reference) * node.setting[FADE]
+    node.reference[channel] = reference
+    if node.held:
+        node.fading[channel] = abs(reference) * node.fade
 
 
 @njit
@@ -107,10 +77,10 @@ def settle(  # noqa: PLR0917
 
     Of several faults the worst decides: stuck, no force, uncommanded force.
     """
-    state, lag = node.state, node.setting[LAG]
+    lag = node.lag
     status = STATUS_LIMITED if bound else STATUS_OK
     if node.fault[0].places:
-        limit = node.setting[LIMIT]
+        limit = node.limit
         derated = factor(node.fault, DERATING, corners, t_ns)
         if abs(target) > derated * limit:
             target, status = clip(target, derated * limit), STATUS_LIMITED
@@ -124,15 +94,15 @@ def settle(  # noqa: PLR0917
         if floating > 0.0:
             target, status = (1.0 - floating) * target, STATUS_FLOATING
         if most(node.fault, STUCK, corners, t_ns) > 0.0:
-            target, status = state[ACTUAL + channel], STATUS_STUCK
+            target, status = node.actual[channel], STATUS_STUCK
         slow = factor(node.fault, SLOW, corners, t_ns)
         if slow != 1.0:
             lag = 1.0 - (1.0 - min(lag, SLOWED)) ** (1.0 / slow)
-    if not node.flag[POWERED]:
+    if not node.powered:
         target, status = 0.0, STATUS_FLOATING
-    before = state[ACTUAL + channel]
-    state[ACTUAL + channel] += lag * (target - before)
-    state[APPLIED + channel] = 0.5 * (before + state[ACTUAL + channel])
+    before = node.actual[channel]
+    node.actual[channel] += lag * (target - before)
+    node.applied[channel] = 0.5 * (before + node.actual[channel])
     show(node, corners, status, t_ns)
 
 
@@ -146,28 +116,26 @@ def show(node: ActuatorNode, corners: int, status: int, t_ns: int) -> None:
 
 @njit
 def _suspension(node: ActuatorNode, outputs: Vector, inputs: Vector, t_ns: int) -> None:
-    state = node.state
     for corner in range(4):
-        demand = state[DEMAND + corner] if follows(node) else 0.0
+        demand = node.demand[corner] if follows(node) else 0.0
         bound = refer(node, corner, demand)
-        target = state[REFERENCE + corner]
+        target = node.reference[corner]
         stroke = outputs[ports.TRAVEL_RATE + corner]
-        if target * stroke > node.setting[POWER]:
-            target = node.setting[POWER] / stroke
+        if target * stroke > node.power:
+            target = node.power / stroke
             bound = True
         settle(node, corner, 1 << corner, target, bound, t_ns)
-        inputs[ports.CORNER_FORCE + corner] = state[APPLIED + corner]
+        inputs[ports.CORNER_FORCE + corner] = node.applied[corner]
 
 
 @njit
 def _bars(node: ActuatorNode, inputs: Vector, t_ns: int) -> None:
-    state = node.state
     for axle in range(2):
-        demand = state[DEMAND + axle] if follows(node) else 0.0
+        demand = node.demand[axle] if follows(node) else 0.0
         bound = refer(node, axle, demand)
         # A bar joins both corners of its axle: the worse of their faults decides.
-        settle(node, axle, AXLE << 2 * axle, state[REFERENCE + axle], bound, t_ns)
-        inputs[ports.BAR_MOMENT_FRONT + axle] = state[APPLIED + axle]
+        settle(node, axle, AXLE << 2 * axle, node.reference[axle], bound, t_ns)
+        inputs[ports.BAR_MOMENT_FRONT + axle] = node.applied[axle]
 
 
 @njit
@@ -203,35 +171,34 @@ def semi_active_setting(curve: Vector, force: float, stroke_rate: float) -> floa
 
 @njit
 def _dampers(node: ActuatorNode, outputs: Vector, inputs: Vector, t_ns: int) -> None:
-    state = node.state
     for corner in range(4):
         stroke = outputs[ports.TRAVEL_RATE + corner]
-        demand = state[DEMAND + corner] if follows(node) else 0.0
-        if node.flag[SOURCE] == FORCES:
+        demand = node.demand[corner] if follows(node) else 0.0
+        if node.source == FORCES:
             wanted = semi_active_setting(node.curve, demand, stroke)
         else:
-            wanted = demand * 1e-3 / node.setting[CURRENT_LIMIT]
+            wanted = demand * 1e-3 / node.current_limit
         bound = refer(node, corner, max(wanted, 0.0))
-        settle(node, corner, 1 << corner, state[REFERENCE + corner], bound, t_ns)
-        force = state[APPLIED + corner] * span(node.curve, abs(stroke))
+        settle(node, corner, 1 << corner, node.reference[corner], bound, t_ns)
+        force = node.applied[corner] * span(node.curve, abs(stroke))
         inputs[ports.CORNER_FORCE + corner] = -force if stroke > 0.0 else force
 
 
 @njit
 def _valve_current(node: ActuatorNode, axle: int, actual: float, t_ns: int) -> float:
     """Current (A) commanded for the axle; a disabled node controls the moment to zero."""
-    parameters, loop = node.setting[HYDRAULIC_PARAMETERS:], node.setting[TORQUE_LOOP]
-    demand = node.state[DEMAND + axle]
+    parameters, loop = node.hydraulics, TORQUE_LOOP
+    demand = node.demand[axle]
     if node.fault[0].places:
         loop /= factor(node.fault, SLOW, AXLE << 2 * axle, t_ns)
         demand *= 1.0 - 2.0 * most(node.fault, REVERSED, AXLE << 2 * axle, t_ns)
     if not follows(node):
         return hydraulics.torque_loop(parameters, loop, 0.0, actual)
-    if not node.flag[HELD]:
+    if not node.held:
         refer(node, axle, 0.0)
-        return hydraulics.torque_loop(parameters, loop, node.state[REFERENCE + axle], actual)
+        return hydraulics.torque_loop(parameters, loop, node.reference[axle], actual)
     hold(node, axle, actual)
-    if node.flag[SOURCE] == MOMENTS:
+    if node.source == MOMENTS:
         return hydraulics.torque_loop(parameters, loop, demand, actual)
     return float(demand * 1e-3)
 
@@ -239,18 +206,15 @@ def _valve_current(node: ActuatorNode, axle: int, actual: float, t_ns: int) -> f
 @njit
 def _valve_axle(node: ActuatorNode, axle: int, outputs: Vector, inputs: Vector, t_ns: int) -> int:
     """Advance one electro-hydraulic bar by a step; return its status."""
-    state, setting = node.state, node.setting
-    parameters = setting[HYDRAULIC_PARAMETERS:]
-    first = HYDRAULICS + 5 * axle
-    motor = state[first : first + 5]
-    angle = outputs[ports.BAR_ANGLE + axle] if setting[INTEGRATED] else motor[hydraulics.ANGLE]
+    parameters, motor = node.hydraulics, node.motor[axle]
+    angle = outputs[ports.BAR_ANGLE + axle] if node.integrated else motor[hydraulics.ANGLE]
     before = hydraulics.active_moment(parameters, angle)
     corners = AXLE << 2 * axle
     wanted = _valve_current(node, axle, before, t_ns)
-    limit = setting[CURRENT_LIMIT]
+    limit = node.current_limit
     current = clip(wanted, limit)
     status = STATUS_OK if current == wanted else STATUS_LIMITED
-    locked = not node.flag[POWERED]
+    locked = not node.powered
     if node.fault[0].places:
         derated = limit * factor(node.fault, DERATING, corners, t_ns)
         if abs(current) > derated:
@@ -265,27 +229,27 @@ def _valve_axle(node: ActuatorNode, axle: int, outputs: Vector, inputs: Vector, 
             current, status = 0.0, STATUS_STUCK
         if most(node.fault, FLOATING, corners, t_ns) > 0.0:
             locked, status = True, STATUS_FLOATING
-    if not node.flag[POWERED]:
+    if not node.powered:
         status = STATUS_FLOATING
     if locked:
         current = 0.0
-    if setting[INTEGRATED]:
+    if node.integrated:
         inputs[ports.VALVE_CURRENT_FRONT + axle] = current
-        state[APPLIED + axle] = before
+        node.applied[axle] = before
         return status
-    if locked or not node.flag[ENABLED]:
+    if locked or not node.enabled:
         # The fail-safe valve holds the shaft in the middle: a plain bar.
         motor[:] = 0.0
     else:
         left = 2 * axle
-        span = 2.0 * setting[TRACK_FRONT + axle]
+        span = 2.0 * node.half_track[axle]
         roll = (outputs[ports.TRAVEL + left] - outputs[ports.TRAVEL + left + 1]) / span
         rate = (outputs[ports.TRAVEL_RATE + left] - outputs[ports.TRAVEL_RATE + left + 1]) / span
         if hydraulics.advance(motor, parameters, current, roll, rate):
             status = max(status, STATUS_LIMITED)
     after = hydraulics.active_moment(parameters, motor[hydraulics.ANGLE])
-    state[APPLIED + axle] = 0.5 * (before + after)
-    inputs[ports.BAR_MOMENT_FRONT + axle] = state[APPLIED + axle]
+    node.applied[axle] = 0.5 * (before + after)
+    inputs[ports.BAR_MOMENT_FRONT + axle] = node.applied[axle]
     return status
 
 
@@ -299,21 +263,19 @@ def _valves(node: ActuatorNode, outputs: Vector, inputs: Vector, t_ns: int) -> N
 @njit
 def _commanded(node: ActuatorNode, axle: int) -> float:
     """Moment of an axle (N·m) that its command asks for, within the limit; currents: unknown."""
-    state, setting = node.state, node.setting
-    if node.flag[KIND] == SUSPENSION:
-        left = clip(state[DEMAND + 2 * axle], setting[LIMIT])
-        right = clip(state[DEMAND + 2 * axle + 1], setting[LIMIT])
-        return float(setting[TRACK_FRONT + axle] * (left - right))
-    if node.flag[KIND] == BARS:
-        return clip(state[DEMAND + axle], setting[LIMIT])
-    return float(state[ESTIMATE + axle])
+    if node.kind == SUSPENSION:
+        left = clip(node.demand[2 * axle], node.limit)
+        right = clip(node.demand[2 * axle + 1], node.limit)
+        return float(node.half_track[axle] * (left - right))
+    if node.kind == BARS:
+        return clip(node.demand[axle], node.limit)
+    return float(node.estimate[axle])
 
 
 @njit
 def act(node: ActuatorNode, outputs: Vector, inputs: Vector, t_ns: int) -> None:
     """Fill the actuator slots of ``inputs`` for the step that begins at ``t_ns``."""
-    state, setting = node.state, node.setting
-    kind = node.flag[KIND]
+    kind = node.kind
     if kind == SUSPENSION:
         _suspension(node, outputs, inputs, t_ns)
     elif kind == BARS:
@@ -325,13 +287,13 @@ def act(node: ActuatorNode, outputs: Vector, inputs: Vector, t_ns: int) -> None:
     for axle in range(2):
         if kind in (SUSPENSION, DAMPERS):
             left = ports.CORNER_FORCE + 2 * axle
-            total = setting[TRACK_FRONT + axle] * (inputs[left] - inputs[left + 1])
+            total = node.half_track[axle] * (inputs[left] - inputs[left + 1])
         else:
-            total = state[APPLIED + axle]
-        state[DELIVERED + axle] = total
-        error = setting[ESTIMATE_GAIN] * total - state[ESTIMATE + axle]
-        state[ESTIMATE + axle] += setting[ESTIMATE_LAG] * error
-        if node.fault[0].places and node.flag[HELD]:
+            total = node.applied[axle]
+        node.delivered[axle] = total
+        error = node.estimate_gain * total - node.estimate[axle]
+        node.estimate[axle] += node.estimate_lag * error
+        if node.fault[0].places and node.held:
             lying = most(node.fault, LYING, AXLE << 2 * axle, t_ns)
             if lying > 0.0:
-                state[ESTIMATE + axle] = _commanded(node, axle)
+                node.estimate[axle] = _commanded(node, axle)

@@ -1,6 +1,7 @@
 """Actuator options, and the node built from them for one vehicle."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -47,7 +48,6 @@ VALUED = ("weak", "slow", "runaway", "derating")
 NOMINAL_TEMPERATURE = 40.0
 NOMINAL_SUPPLY = 13.5
 LOWEST_SUPPLY = 9.0
-TORQUE_LOOP_BANDWIDTH = 40.0
 # Hydraulic oil's viscosity falls by about 2.3 % a kelvin around its working temperature.
 THICKENING_PER_KELVIN = 0.023
 THICKEST, THINNEST = 10.0, 0.5
@@ -99,26 +99,27 @@ def _scaled(limit: float, power: float) -> float:
 
 
 def _settings(
-    vehicle: Vehicle, actuator: Actuator, options: ActuatorOptions, integrated: bool
-) -> list[float]:
+    vehicle: Vehicle, actuator: Actuator, options: ActuatorOptions
+) -> Mapping[str, object]:
     """Lag, limit, rate and power of one channel, for oil and supply; inf where unlimited."""
     channel = actuator.channel(vehicle)
     cold = thickening(options.oil_temperature) if actuator.hydraulic else 1.0
     power = min(options.supply / NOMINAL_SUPPLY, 1.0)
     limit, rate = _scaled(channel.limit, power), _scaled(channel.rate, power)
-    return [
-        _approach(channel.lag * cold),
-        limit,
-        rate * 1e-3,
-        1e-3 / vehicle.plant.roll_period,
-        _scaled(channel.power, power),
-        *(axle.half_track for axle in axles(vehicle)),
-        1 + options.estimate_error,
-        _approach(options.estimate_lag),
-        actuator.current_limit(vehicle) * (power if actuator.hydraulic else 1.0),
-        TORQUE_LOOP_BANDWIDTH,
-        float(integrated),
-    ]
+    return {
+        "lag": _approach(channel.lag * cold),
+        "limit": limit,
+        "rate": rate * 1e-3,
+        "fade": 1e-3 / vehicle.plant.roll_period,
+        "power": _scaled(channel.power, power),
+        "half_track": [axle.half_track for axle in axles(vehicle)],
+        "estimate_gain": 1 + options.estimate_error,
+        "estimate_lag": _approach(options.estimate_lag),
+        "current_limit": actuator.current_limit(vehicle) * (power if actuator.hydraulic else 1.0),
+        "hydraulics": hydraulics.parameters(
+            vehicle.actuators.valves, thickening=thickening(options.oil_temperature)
+        ),
+    }
 
 
 def _check(kind: str, options: ActuatorOptions, timeout_ms: float) -> None:
@@ -169,39 +170,27 @@ def build(
     """
     _check(kind, options, timeout_ms)
     actuator = ACTUATORS[kind]
-    flag = np.zeros(actuator_kernel.N_FLAGS, dtype=np.int64)
-    flag[actuator_kernel.KIND] = actuator.number
-    flag[actuator_kernel.ENABLED] = enabled
-    flag[actuator_kernel.POWERED] = options.supply >= LOWEST_SUPPLY
-    flag[actuator_kernel.COUNTER] = actuator_kernel.NO_COUNTER
-    flag[actuator_kernel.TIMEOUT] = round(timeout_ms * 1e6)
-    message = np.full((actuator_kernel.MESSAGES, 3), -1, dtype=np.int64)
-    for row, (name, first, channels) in zip(message, actuator.commands, strict=False):
-        row[:] = codec_tables.message_index(name), codec_tables.signal_index(name, first), channels
     faults = list(map(_fault, options.faults))
-    return ActuatorNode(
-        setting=np.concatenate(
-            [
-                _settings(vehicle, actuator, options, integrated),
-                hydraulics.parameters(
-                    vehicle.actuators.valves, thickening=thickening(options.oil_temperature)
-                ),
-            ]
-        ),
-        curve=_curve(vehicle.actuators.dampers),
-        state=np.zeros(actuator_kernel.N_STATE),
-        flag=flag,
-        message=message,
-        receiver=np.array([e2e.receiver_state(options.supervision)] * actuator_kernel.MESSAGES),
-        report=np.array(
-            [codec_tables.signal_index("ActuatorState", name) for name in _REPORT], dtype=np.int64
-        ),
-        fault=schedule.table(actuator_kernel.FAULTS, faults, "actuators: at most {} faults"),
-        supervision=options.supervision,
-        envelope=envelope.build(
-            actuator.arms(vehicle),
-            actuator.most(vehicle),
-            tables or codec_tables.load(),
-            options.supervision,
-        ),
+    node = np.zeros(1, actuator_kernel.ACTUATOR_NODE)[0]
+    for name, setting in _settings(vehicle, actuator, options).items():
+        node[name] = setting
+    node["integrated"] = integrated
+    node["curve"] = _curve(vehicle.actuators.dampers)
+    node["kind"], node["enabled"] = actuator.number, enabled
+    node["powered"] = options.supply >= LOWEST_SUPPLY
+    node["counter"], node["timeout"] = actuator_kernel.NO_COUNTER, round(timeout_ms * 1e6)
+    node["message"]["row"] = -1
+    for number, (name, first, channels) in enumerate(actuator.commands):
+        signal = codec_tables.signal_index(name, first)
+        node["message"][number] = codec_tables.message_index(name), signal, channels
+    node["report"] = [codec_tables.signal_index("ActuatorState", name) for name in _REPORT]
+    node["fault"] = schedule.table(actuator_kernel.FAULTS, faults, "actuators: at most {} faults")
+    node["supervision"] = options.supervision
+    node["receiver"] = e2e.receiver_state(options.supervision)
+    node["envelope"] = envelope.build(
+        actuator.arms(vehicle),
+        actuator.most(vehicle),
+        tables or codec_tables.load(),
+        options.supervision,
     )
+    return node

@@ -7,7 +7,7 @@ beyond its last value, which no sender may use, is treated like a wrong checksum
 """
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,9 +60,13 @@ MOST_TERMS = 96
 
 # Check results, in the order of the specification's status codes' severity.
 OK, SOME_LOST, INITIAL, SYNC, REPEATED, WRONG_SEQUENCE, WRONG_CRC = range(7)
-# Slots of the receiver's state vector.
-WAIT_FOR_FIRST, MAX_DELTA, LAST_COUNTER, SYNC_LEFT, NOT_NEW, LOST, N_STATE = range(7)
-
+RECEIVER = np.dtype(
+    [
+        (name, "i8")
+        for name in ("wait_for_first", "max_delta", "last_counter", "sync_left", "not_new", "lost")
+    ]
+)
+"""State of a receiver."""
 
 # Where the receiver's two counts end: profile 1's, whose counter has 15 values.
 WINDOW_MAX = NOT_NEW_MAX = 14
@@ -324,7 +328,7 @@ def intact(
 
 @njit
 def check(  # noqa: PLR0917
-    state: NDArray[np.int64],
+    state: Any,  # noqa: ANN401
     supervision: Supervision,
     row: NDArray[np.int64],
     terms: NDArray[np.int64],
@@ -336,45 +340,45 @@ def check(  # noqa: PLR0917
     A frame without a counter is always in sequence.
     """
     values = row[VALUES]
-    state[MAX_DELTA] = min(state[MAX_DELTA] + 1, WINDOW_MAX)
+    state.max_delta = min(state.max_delta + 1, WINDOW_MAX)
     if not intact(row, terms, crc, payload):
         return WRONG_CRC
     if values == 0:
         return OK
     counter = counter_of(row, terms, payload)
-    if state[WAIT_FOR_FIRST]:
-        state[WAIT_FOR_FIRST] = 0
-        state[MAX_DELTA] = supervision.max_delta_counter_init
-        state[LAST_COUNTER] = counter
+    if state.wait_for_first:
+        state.wait_for_first = 0
+        state.max_delta = supervision.max_delta_counter_init
+        state.last_counter = counter
         return INITIAL
-    delta = (counter - state[LAST_COUNTER]) % values
+    delta = (counter - state.last_counter) % values
     if delta == 0:
-        state[NOT_NEW] = min(state[NOT_NEW] + 1, NOT_NEW_MAX)
+        state.not_new = min(state.not_new + 1, NOT_NEW_MAX)
         return REPEATED
-    if delta > state[MAX_DELTA]:
-        state[NOT_NEW] = 0
-        state[SYNC_LEFT] = supervision.sync_counter_init
+    if delta > state.max_delta:
+        state.not_new = 0
+        state.sync_left = supervision.sync_counter_init
         if supervision.sync_counter_init > 0:
-            state[MAX_DELTA] = supervision.max_delta_counter_init
-            state[LAST_COUNTER] = counter
+            state.max_delta = supervision.max_delta_counter_init
+            state.last_counter = counter
         return WRONG_SEQUENCE
-    state[MAX_DELTA] = supervision.max_delta_counter_init
-    state[LAST_COUNTER] = counter
-    state[LOST] = delta - 1
-    if state[NOT_NEW] > supervision.max_no_new_or_repeated_data:
-        state[NOT_NEW] = 0
-        state[SYNC_LEFT] = supervision.sync_counter_init
+    state.max_delta = supervision.max_delta_counter_init
+    state.last_counter = counter
+    state.lost = delta - 1
+    if state.not_new > supervision.max_no_new_or_repeated_data:
+        state.not_new = 0
+        state.sync_left = supervision.sync_counter_init
         return SYNC
-    state[NOT_NEW] = 0
-    if state[SYNC_LEFT] > 0:
-        state[SYNC_LEFT] -= 1
+    state.not_new = 0
+    if state.sync_left > 0:
+        state.sync_left -= 1
         return SYNC
     return OK if delta == 1 else SOME_LOST
 
 
-def receiver_state(supervision: Supervision) -> NDArray[np.int64]:
-    """State of a receiver that has seen nothing yet (E2E_P01CheckInit)."""
-    state = np.zeros(N_STATE, dtype=np.int64)
-    state[WAIT_FOR_FIRST] = 1
-    state[MAX_DELTA] = supervision.max_delta_counter_init
+def receiver_state(supervision: Supervision) -> Any:  # noqa: ANN401
+    """A :data:`RECEIVER` that has seen nothing yet (E2E_P01CheckInit)."""
+    state = np.zeros(1, RECEIVER)[0]
+    state["wait_for_first"] = 1
+    state["max_delta"] = supervision.max_delta_counter_init
     return state

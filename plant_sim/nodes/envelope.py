@@ -7,7 +7,7 @@ it has stopped, nor is any once the acceleration has not been heard for long. Li
 rate are the actuator's own (:func:`plant_sim.nodes.actuator_models.refer`).
 """
 
-from typing import NamedTuple
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,25 +29,25 @@ PATIENCE_MS = 200
 DEAF_NS = 500_000_000
 """Longest time outward, and longest time without an acceleration once one has been heard."""
 
-# Slots of Envelope.memory and of Envelope.place.
-ACCELERATION, SLOW, OUTWARD_MS, CUT, ACTED, HEARD_NS, TURNING, N_MEMORY = range(8)
-FRAME, MESSAGE, SIGNAL, YAW_RATE, N_PLACE = range(5)
 NEVER = -1.0
 
+ENVELOPE = np.dtype(
+    [
+        ("arm", "f8", (2, 4)),
+        ("most", "f8", (2,)),
+        *((name, "i8") for name in ("frame", "message", "signal", "yaw_rate")),
+        *((name, "f8") for name in ("acceleration", "slow", "outward_ms", "cut", "acted")),
+        *((name, "f8") for name in ("heard_ns", "turning")),
+        ("receiver", e2e.RECEIVER),
+    ]
+)
+"""``arm`` makes moments by axle of commands by channel, ``most`` limits them, N·m.
 
-class Envelope(NamedTuple):
-    """``arm`` (2, 4) makes moments by axle of commands by channel, ``most`` (2) limits them, N·m.
-
-    ``place``: rows of frame, message, lateral acceleration and yaw rate in the codec's tables, -1
-    where it is not on the bus, or not in that frame; ``memory``: state; ``receiver``: E2E state of
-    the Imu's frames.
-    """
-
-    arm: NDArray[np.float64]
-    most: NDArray[np.float64]
-    place: NDArray[np.int64]
-    memory: NDArray[np.float64]
-    receiver: NDArray[np.int64]
+``frame`` to ``yaw_rate``: rows of frame, message, lateral acceleration and yaw rate in the codec's
+tables, -1 where it is not on the bus, or not in that frame; then its state, and the E2E state of
+the Imu's frames.
+"""
+Envelope: TypeAlias = Any
 
 
 def build(
@@ -60,21 +60,17 @@ def build(
     signal = codec_tables.signal_index("Imu", "LateralAcceleration")
     message = int(tables.field[signal, codec.FRAME])
     row = tables.message[message]
-    on_bus = bool(row[codec.LENGTH])
     yaw_rate = codec_tables.signal_index("Imu", "YawRate")
     field = tables.field[yaw_rate]
     together = field[codec.PIECES] and field[codec.FRAME] == message
-    leader = int(row[codec.LEADER]) if on_bus else -1
-    place = [leader, message, signal, yaw_rate if together else -1]
-    memory = np.zeros(N_MEMORY)
-    memory[HEARD_NS] = NEVER
-    return Envelope(
-        arm=np.array(arm),
-        most=np.array(most),
-        place=np.array(place, dtype=np.int64),
-        memory=memory,
-        receiver=e2e.receiver_state(supervision),
-    )
+    result = np.zeros(1, ENVELOPE)[0]
+    result["arm"], result["most"] = arm, most
+    result["frame"] = int(row[codec.LEADER]) if row[codec.LENGTH] else -1
+    result["message"], result["signal"] = message, signal
+    result["yaw_rate"] = yaw_rate if together else -1
+    result["heard_ns"] = NEVER
+    result["receiver"] = e2e.receiver_state(supervision)
+    return result
 
 
 @njit
@@ -86,7 +82,7 @@ def hear(
     t_ns: int,
 ) -> None:
     """Take acceleration and yaw rate from a frame of the Imu, if it is valid and in sequence."""
-    message, signal = envelope.place[MESSAGE], envelope.place[SIGNAL]
+    message, signal = envelope.message, envelope.signal
     status = e2e.check(
         envelope.receiver,
         supervision,
@@ -98,22 +94,22 @@ def hear(
     raw = codec.extract(tables, signal, payload)
     if status > e2e.INITIAL or not codec.valid(tables, signal, raw):
         return
-    envelope.memory[ACCELERATION] = codec.physical(tables, signal, raw)
-    envelope.memory[HEARD_NS] = t_ns
-    envelope.memory[TURNING] = 0.0
-    yaw_rate = envelope.place[YAW_RATE]
+    envelope.acceleration = codec.physical(tables, signal, raw)
+    envelope.heard_ns = t_ns
+    envelope.turning = 0.0
+    yaw_rate = envelope.yaw_rate
     if yaw_rate >= 0:
         raw = codec.extract(tables, yaw_rate, payload)
         if codec.valid(tables, yaw_rate, raw):
-            envelope.memory[TURNING] = codec.physical(tables, yaw_rate, raw)
+            envelope.turning = codec.physical(tables, yaw_rate, raw)
 
 
 @njit
-def side_of_curve(memory: NDArray[np.float64]) -> float:
+def side_of_curve(envelope: Envelope) -> float:
     """Return the sign of the acceleration, 0 where the yaw rate has the other one."""
-    if memory[ACCELERATION] * memory[TURNING] < 0.0:
+    if envelope.acceleration * envelope.turning < 0.0:
         return 0.0
-    return 1.0 if memory[ACCELERATION] > 0.0 else -1.0
+    return 1.0 if envelope.acceleration > 0.0 else -1.0
 
 
 @njit
@@ -122,34 +118,32 @@ def cuts(envelope: Envelope, front: float, rear: float, t_ns: int) -> bool:
 
     Axle by axle: one that pushes outward is not made good by the other.
     """
-    memory = envelope.memory
-    if memory[HEARD_NS] == NEVER:
+    if envelope.heard_ns == NEVER:
         return False
-    acceleration = memory[ACCELERATION]
-    side = side_of_curve(memory)
+    acceleration = envelope.acceleration
+    side = side_of_curve(envelope)
     limit_front, limit_rear = OUTWARD_SHARE * envelope.most[0], OUTWARD_SHARE * envelope.most[1]
     outward = side * front > limit_front or side * rear > limit_rear
-    steady = side * (acceleration - memory[SLOW]) > -FALLEN
-    memory[SLOW] += (acceleration - memory[SLOW]) * 1e-3 / LOW_PASS
+    steady = side * (acceleration - envelope.slow) > -FALLEN
+    envelope.slow += (acceleration - envelope.slow) * 1e-3 / LOW_PASS
     if outward and steady and side * acceleration > JUDGED_ABOVE:
-        memory[OUTWARD_MS] = min(memory[OUTWARD_MS] + 1.0, PATIENCE_MS)
+        envelope.outward_ms = min(envelope.outward_ms + 1.0, PATIENCE_MS)
     else:
-        memory[OUTWARD_MS] = max(memory[OUTWARD_MS] - 1.0, 0.0)
-    if memory[OUTWARD_MS] == PATIENCE_MS:
-        memory[CUT] = 1.0
-    elif memory[OUTWARD_MS] == 0.0:
-        memory[CUT] = 0.0
-    refused = (memory[CUT] == 1.0 and outward) or t_ns - memory[HEARD_NS] > DEAF_NS
-    memory[ACTED] = 1.0 if refused else 0.0
+        envelope.outward_ms = max(envelope.outward_ms - 1.0, 0.0)
+    if envelope.outward_ms == PATIENCE_MS:
+        envelope.cut = 1.0
+    elif envelope.outward_ms == 0.0:
+        envelope.cut = 0.0
+    refused = (envelope.cut == 1.0 and outward) or t_ns - envelope.heard_ns > DEAF_NS
+    envelope.acted = 1.0 if refused else 0.0
     return bool(refused)
 
 
 @njit
 def outward(envelope: Envelope, moment: float, t_ns: int) -> bool:
     """Whether a roll moment (N·m) pushes outward in the curve that was heard of lately."""
-    memory = envelope.memory
-    known = memory[HEARD_NS] != NEVER and t_ns - memory[HEARD_NS] <= DEAF_NS
-    return bool(known and moment * side_of_curve(memory) > 0.0)
+    known = envelope.heard_ns != NEVER and t_ns - envelope.heard_ns <= DEAF_NS
+    return bool(known and moment * side_of_curve(envelope) > 0.0)
 
 
 @njit

@@ -8,6 +8,7 @@ its stops.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -16,46 +17,31 @@ from plant_sim.kernels.jit import njit, stack_vector
 from vehicles.model import ElectroHydraulicBars
 
 SPOOL, SPOOL_RATE, PRESSURE, ANGLE, ANGLE_RATE = range(5)
-(
-    VALVE_FREQUENCY,
-    VALVE_DAMPING,
-    VALVE_GAIN,
-    FLOW_GAIN,
-    PRESSURE_COEFFICIENT,
-    STIFFNESS_OF_OIL,
-    DISPLACEMENT,
-    LEAKAGE,
-    LEAKAGE_BY_ROTATION,
-    INERTIA,
-    DAMPING,
-    BAR_STIFFNESS,
-    LEVER,
-    SUPPLY,
-    STOP,
-    N_PARAMETERS,
-) = range(16)
+VALVE = np.dtype(
+    [
+        (name, "f8")
+        for name in (
+            *("valve_frequency", "valve_damping", "valve_gain", "flow_gain", "displacement"),
+            *("pressure_coefficient", "leakage", "leakage_by_rotation", "motor_inertia"),
+            *("motor_damping", "bar_stiffness", "lever_ratio", "supply_pressure", "angle_limit"),
+            "oil_stiffness",
+        )
+    ]
+)
+"""Valve, motor and bar of an axle as the vehicle has them, and 4 bulk moduli per volume of oil."""
 
 STEP = 1e-3
 
 
-def parameters(data: ElectroHydraulicBars, *, thickening: float) -> Vector:
-    """Parameter vector; cold oil is ``thickening`` times as viscous: less leakage, more damping."""
-    result = np.zeros(N_PARAMETERS)
-    result[VALVE_FREQUENCY] = data.valve_frequency
-    result[VALVE_DAMPING] = data.valve_damping
-    result[VALVE_GAIN] = data.valve_gain
-    result[FLOW_GAIN] = data.flow_gain
-    result[PRESSURE_COEFFICIENT] = data.pressure_coefficient / thickening
-    result[STIFFNESS_OF_OIL] = 4 * data.bulk_modulus / data.volume
-    result[DISPLACEMENT] = data.displacement
-    result[LEAKAGE] = data.leakage / thickening
-    result[LEAKAGE_BY_ROTATION] = data.leakage_by_rotation
-    result[INERTIA] = data.motor_inertia
-    result[DAMPING] = data.motor_damping * thickening
-    result[BAR_STIFFNESS] = data.bar_stiffness
-    result[LEVER] = data.lever_ratio
-    result[SUPPLY] = data.supply_pressure
-    result[STOP] = data.angle_limit
+def parameters(data: ElectroHydraulicBars, *, thickening: float) -> Any:  # noqa: ANN401
+    """A :data:`VALVE`; cold oil is ``thickening`` times as viscous: less leakage, more damping."""
+    result = np.zeros(1, VALVE)[0]
+    for name in (VALVE.names or ())[:-1]:
+        result[name] = getattr(data, name)
+    result["oil_stiffness"] = 4 * data.bulk_modulus / data.volume
+    for name in ("pressure_coefficient", "leakage"):
+        result[name] /= thickening
+    result["motor_damping"] *= thickening
     return result
 
 
@@ -63,40 +49,40 @@ _slopes, _trial = stack_vector(20), stack_vector(5)
 
 
 @njit
-def active_moment(p: Vector, angle: float) -> float:
+def active_moment(p: Any, angle: float) -> float:  # noqa: ANN401
     """Moment on the body (N·m), > 0 lifts the left, added by shaft ``angle`` (rad) to the bar's."""
-    return float(-p[LEVER] * p[BAR_STIFFNESS] * angle)
+    return float(-p.lever_ratio * p.bar_stiffness * angle)
 
 
 @njit
-def torque_loop(p: Vector, bandwidth: float, demand: float, actual: float) -> float:
+def torque_loop(p: Any, bandwidth: float, demand: float, actual: float) -> float:  # noqa: ANN401
     """Valve current (A) that brings the active moment from ``actual`` to ``demand`` (N·m).
 
     The valve controls flow, so the moment is its integral: a proportional loop of ``bandwidth``
     (rad/s) suffices.
     """
-    speed_per_ampere = p[VALVE_GAIN] * p[FLOW_GAIN] / p[DISPLACEMENT]
-    error = (actual - demand) / (p[LEVER] * p[BAR_STIFFNESS])
+    speed_per_ampere = p.valve_gain * p.flow_gain / p.displacement
+    error = (actual - demand) / (p.lever_ratio * p.bar_stiffness)
     return float(bandwidth * error / speed_per_ampere)
 
 
 @njit
-def _derivative(x: Vector, p: Vector, current: float, roll: float, rate: Vector) -> None:
-    w = p[VALVE_FREQUENCY]
+def _derivative(x: Vector, p: Any, current: float, roll: float, rate: Vector) -> None:  # noqa: ANN401
+    w = p.valve_frequency
     rate[SPOOL] = x[SPOOL_RATE]
-    rate[SPOOL_RATE] = w * w * (p[VALVE_GAIN] * current - x[SPOOL])
-    rate[SPOOL_RATE] -= 2.0 * p[VALVE_DAMPING] * w * x[SPOOL_RATE]
-    flow = p[FLOW_GAIN] * x[SPOOL] - p[PRESSURE_COEFFICIENT] * x[PRESSURE]
-    flow -= (p[DISPLACEMENT] - p[LEAKAGE_BY_ROTATION]) * x[ANGLE_RATE] + p[LEAKAGE] * x[PRESSURE]
-    rate[PRESSURE] = p[STIFFNESS_OF_OIL] * flow
+    rate[SPOOL_RATE] = w * w * (p.valve_gain * current - x[SPOOL])
+    rate[SPOOL_RATE] -= 2.0 * p.valve_damping * w * x[SPOOL_RATE]
+    flow = p.flow_gain * x[SPOOL] - p.pressure_coefficient * x[PRESSURE]
+    flow -= (p.displacement - p.leakage_by_rotation) * x[ANGLE_RATE] + p.leakage * x[PRESSURE]
+    rate[PRESSURE] = p.oil_stiffness * flow
     rate[ANGLE] = x[ANGLE_RATE]
-    torque = p[DISPLACEMENT] * x[PRESSURE] - p[DAMPING] * x[ANGLE_RATE]
-    torque -= p[BAR_STIFFNESS] * (p[LEVER] * roll + x[ANGLE])
-    rate[ANGLE_RATE] = torque / p[INERTIA]
+    torque = p.displacement * x[PRESSURE] - p.motor_damping * x[ANGLE_RATE]
+    torque -= p.bar_stiffness * (p.lever_ratio * roll + x[ANGLE])
+    rate[ANGLE_RATE] = torque / p.motor_inertia
 
 
 @njit
-def advance(motor: Vector, p: Vector, current: float, roll: float, rate: float) -> bool:
+def advance(motor: Vector, p: Any, current: float, roll: float, rate: float) -> bool:  # noqa: ANN401
     """Advance one axle by 1 ms (RK4); return whether supply pressure or stroke limited it.
 
     ``roll`` and ``rate``: roll angle and rate of the suspension at the start of the step.
@@ -110,11 +96,11 @@ def advance(motor: Vector, p: Vector, current: float, roll: float, rate: float) 
     for i in range(5):
         motor[i] += STEP / 6.0 * (slope[0, i] + 2.0 * (slope[1, i] + slope[2, i]) + slope[3, i])
     bound = False
-    if abs(motor[PRESSURE]) > p[SUPPLY]:
-        motor[PRESSURE] = math.copysign(p[SUPPLY], motor[PRESSURE])
+    if abs(motor[PRESSURE]) > p.supply_pressure:
+        motor[PRESSURE] = math.copysign(p.supply_pressure, motor[PRESSURE])
         bound = True
-    if abs(motor[ANGLE]) > p[STOP]:
-        motor[ANGLE] = math.copysign(p[STOP], motor[ANGLE])
+    if abs(motor[ANGLE]) > p.angle_limit:
+        motor[ANGLE] = math.copysign(p.angle_limit, motor[ANGLE])
         motor[ANGLE_RATE] = 0.0
         bound = True
     return bound

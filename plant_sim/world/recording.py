@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from plant_sim.bodies import ports
 from plant_sim.bodies.ports import Port
 from plant_sim.kernels.jit import njit
-from plant_sim.nodes import actuator_kernel, envelope
+from plant_sim.nodes import actuator_kernel
 from plant_sim.nodes.actuator_kernel import ActuatorNode
-from plant_sim.nodes.actuator_models import TRACK_FRONT
 
 INPUTS = ports.N_OUTPUTS
 ACTUATOR = INPUTS + ports.N_INPUTS
@@ -77,11 +76,11 @@ def _power(
     left = 2 * axle
     left_rate = outputs[ports.TRAVEL_RATE + left]
     right_rate = outputs[ports.TRAVEL_RATE + left + 1]
-    if node.flag[actuator_kernel.KIND] in (actuator_kernel.SUSPENSION, actuator_kernel.DAMPERS):
+    if node.kind in (actuator_kernel.SUSPENSION, actuator_kernel.DAMPERS):
         force = ports.CORNER_FORCE + left
         return float(inputs[force] * left_rate + inputs[force + 1] * right_rate)
-    moment = node.state[actuator_kernel.DELIVERED + axle]
-    twist = (left_rate - right_rate) / (2.0 * node.setting[TRACK_FRONT + axle])
+    moment = node.delivered[axle]
+    twist = (left_rate - right_rate) / (2.0 * node.half_track[axle])
     return float(moment * twist)
 
 
@@ -100,11 +99,11 @@ def record(
     for i in range(ports.N_INPUTS):
         row[INPUTS + i] = inputs[i]
     for i in range(4):
-        row[ACTUATOR + i] = node.state[actuator_kernel.DEMAND + i]
-        row[ACTUATOR + 4 + i] = node.state[actuator_kernel.DELIVERED + i]
-        row[ACTUATOR + 9 + i] = node.flag[actuator_kernel.STATUS + i]
-    row[ACTUATOR + 8] = node.flag[actuator_kernel.HELD]
-    row[ACTUATOR + 13] = node.envelope.memory[envelope.ACTED]
+        row[ACTUATOR + i] = node.demand[i]
+        row[ACTUATOR + 4 + i] = node.delivered[i]
+        row[ACTUATOR + 9 + i] = node.status[i]
+    row[ACTUATOR + 8] = node.held
+    row[ACTUATOR + 13] = node.envelope.acted
     for axle in range(2):
         row[ACTUATOR + 14 + axle] = _power(node, axle, outputs, inputs)
 

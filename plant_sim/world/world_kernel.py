@@ -166,7 +166,7 @@ def _accepted(world: LoopMemory, row: NDArray[np.int64], t_origin: int, t_receiv
             break
     row[recording.SUBMITTED] = t_origin
     row[recording.RECEIVED] = t_received
-    row[recording.COUNTER] = world.actuators.flag[actuator_kernel.COUNTER]
+    row[recording.COUNTER] = world.actuators.counter
     clock[PENDING] = 1
 
 
@@ -249,7 +249,7 @@ def _deliver(world: LoopMemory, network: bus.State, commands: NDArray[np.int64])
             _hand_over(world, row, entry, entry.payload)
         monitor = world.actuators.envelope
         if (
-            row == monitor.place[envelope.FRAME]
+            row == monitor.frame
             and entry.segment == clock[ACTUATOR_SEGMENT]
             and bus.took(entry.outcome, entry.missed, bus.ACTUATOR)
             and bus.hears(network, bus.ACTUATOR, entry.t_received)

@@ -104,7 +104,7 @@ def receive(  # noqa: PLR0917
     if length != plant.tables.message[row, codec.LENGTH]:
         return
     monitor = plant.actuators.envelope
-    if row == monitor.place[envelope.FRAME]:
+    if row == monitor.frame:
         envelope.hear(monitor, plant.tables, plant.actuators.supervision, payload, t_ns)
     if plant.roles[row] == FOR_ACTUATOR:
         which = actuator_kernel.listens(plant.actuators, row)
@@ -114,10 +114,10 @@ def receive(  # noqa: PLR0917
 def command(plant: Plant, which: int, demands: Vector, channels: int, t_ns: int) -> None:
     """Give demands to the actuators at ``t_ns``, as message ``which`` of theirs would."""
     for channel in range(channels):
-        plant.actuators.state[actuator_kernel.DEMAND + channel] = demands[channel]
-    plant.actuators.flag[actuator_kernel.HELD] = 1
-    plant.actuators.flag[actuator_kernel.SOURCE] = which
-    plant.actuators.flag[actuator_kernel.T_ACCEPTED] = t_ns
+        plant.actuators.demand[channel] = demands[channel]
+    plant.actuators.held = 1
+    plant.actuators.source = which
+    plant.actuators.t_accepted = t_ns
 
 
 def advance(plant: Plant) -> None:

@@ -19,7 +19,6 @@ from plant_sim.nodes import (
     actuator_models,
     codec,
     codec_tables,
-    envelope,
     hydraulics,
 )
 from plant_sim.nodes import actuators as actuator_setup
@@ -84,7 +83,7 @@ class Rig:
 
     @property
     def delivered(self):
-        return self.node.state[actuator_kernel.DELIVERED : actuator_kernel.DELIVERED + 2]
+        return self.node["delivered"]
 
     @property
     def forces(self):
@@ -143,7 +142,7 @@ def test_a_damaged_or_repeated_frame_is_not_taken():
     assert not rig.send("SuspensionForceCommand", flip=1 << 30, **moment(3000))
     assert not rig.send("SuspensionForceCommand", counter=0, **moment(3000))
     rig.run(200)
-    assert rig.node.flag[actuator_kernel.REJECTED] == 2
+    assert rig.node["rejected"] == 2
     assert abs(rig.forces).max() <= 500
 
 
@@ -200,7 +199,7 @@ def test_force_and_rate_limits_bind_and_are_reported():
     rig = Rig("suspension", vehicle=roomy(force_rate_limit=20_000.0, force_limit=1500.0))
     rig.send("SuspensionForceCommand", **moment(3000))
     rig.run(10)
-    assert abs(rig.node.state[actuator_kernel.REFERENCE]) == pytest.approx(200.0)
+    assert abs(rig.node["reference"][0]) == pytest.approx(200.0)
     assert rig.report["StatusFrontLeft"] == actuator_kernel.STATUS_LIMITED
     rig.run(140)
     assert rig.forces[0] == pytest.approx(1500.0, rel=3e-3)
@@ -502,9 +501,7 @@ def test_valve_current_is_flow_so_the_moment_keeps_growing_until_a_stop():
     rig.send("ValveCommand", CurrentFront=-9000)
     rig.run(2000)
     assert rig.report["StatusFrontLeft"] == actuator_kernel.STATUS_LIMITED
-    assert abs(rig.node.state[actuator_kernel.HYDRAULICS + hydraulics.ANGLE]) <= (
-        VEHICLE.actuators.valves.angle_limit
-    )
+    assert abs(rig.node["motor"][0, hydraulics.ANGLE]) <= (VEHICLE.actuators.valves.angle_limit)
 
 
 def test_the_motor_rests_at_its_stop_and_leaves_it_again():
@@ -604,7 +601,7 @@ def test_what_fades_is_dropped_where_it_would_push_outward(lateral, outward):
     rig = Rig("suspension", vehicle=roomy())
     rig.send("SuspensionForceCommand", **moment(2000))
     rig.run(161)
-    memory = rig.node.envelope.memory
-    memory[envelope.ACCELERATION], memory[envelope.HEARD_NS] = lateral, 161e6
+    heard = rig.node["envelope"]
+    heard["acceleration"], heard["heard_ns"] = lateral, 161e6
     rig.run(100)
     assert (rig.forces[0] < 20) == outward

@@ -5,7 +5,7 @@ import pytest
 
 from plant_sim.nodes import codec, codec_tables, e2e, envelope
 from plant_sim.nodes.actuators import ActuatorOptions, build
-from plant_sim.nodes.envelope import ACCELERATION, ACTED, HEARD_NS, NEVER, SLOW
+from plant_sim.nodes.envelope import NEVER
 from vehicles import load
 
 TABLES = codec_tables.load()
@@ -19,7 +19,7 @@ IMU = codec_tables.message_index("Imu")
 def fresh(acceleration=None):
     its = envelope.build(ARMS, (MOST, MOST), TABLES, e2e.Supervision())
     if acceleration is not None:
-        its.memory[[ACCELERATION, SLOW, HEARD_NS]] = acceleration, acceleration, 0
+        its["acceleration"], its["slow"], its["heard_ns"] = acceleration, acceleration, 0
     return its
 
 
@@ -42,19 +42,19 @@ def refusals(its, moment, milliseconds, axle=0):
 def test_it_hears_the_imu_and_no_frame_that_is_damaged_or_repeated():
     its = fresh()
     hear = lambda payload, t: envelope.hear(its, TABLES, e2e.Supervision(), payload, t)  # noqa: E731
-    assert its.memory[HEARD_NS] == NEVER
+    assert its["heard_ns"] == NEVER
     hear(frame(0, 3.0), 10)
-    assert its.memory[ACCELERATION] == pytest.approx(3.0, abs=0.01)
+    assert its["acceleration"] == pytest.approx(3.0, abs=0.01)
     damaged = frame(1, -5.0)
     damaged[5] ^= 1
     for payload in (damaged, frame(0, -5.0)):
         hear(payload, 20)
-        assert its.memory[ACCELERATION] == pytest.approx(3.0, abs=0.01)
-        assert its.memory[HEARD_NS] == 10
+        assert its["acceleration"] == pytest.approx(3.0, abs=0.01)
+        assert its["heard_ns"] == 10
     hear(frame(1, float("nan")), 30)
-    assert its.memory[HEARD_NS] == 10
+    assert its["heard_ns"] == 10
     hear(frame(2, -5.0), 40)
-    assert its.memory[ACCELERATION] == pytest.approx(-5.0, abs=0.01)
+    assert its["acceleration"] == pytest.approx(-5.0, abs=0.01)
 
 
 @pytest.mark.parametrize("axle", [0, 1])
@@ -81,7 +81,7 @@ def test_what_is_not_outward_is_left_alone(moment, acceleration):
 def test_a_moment_while_the_acceleration_falls_is_left_alone():
     its = fresh(9.0)
     for k in range(400):
-        its.memory[ACCELERATION] = 9.0 - 0.01 * k
+        its["acceleration"] = 9.0 - 0.01 * k
         assert not envelope.cuts(its, MOST, MOST, k * MS)
 
 
@@ -102,7 +102,7 @@ def test_one_axle_does_not_make_good_for_the_other():
 def test_an_acceleration_against_the_yaw_rate_tells_no_side(sign, yaw_rate):
     its = fresh()
     envelope.hear(its, TABLES, e2e.Supervision(), frame(0, sign * 4.0, sign * yaw_rate), 0)
-    its.memory[SLOW] = sign * 4.0
+    its["slow"] = sign * 4.0
     told = not yaw_rate < 0.0
     assert any(refusals(its, sign * MOST, 400)) == told
     assert envelope.outward(its, sign * MOST, 0) == told
@@ -121,6 +121,6 @@ def test_commands_become_moments_by_the_arms_of_the_vehicle(kind):
         "valves": (100.0, -100.0),
         "dampers": (0.0, 0.0),
     }
-    found = [envelope.moment_of(node.envelope, axle, commands) for axle in range(2)]
+    found = [envelope.moment_of(node["envelope"], axle, commands) for axle in range(2)]
     assert found == pytest.approx(expected[kind])
-    assert node.envelope.memory[ACTED] == 0.0
+    assert node["envelope"]["acted"] == 0.0
