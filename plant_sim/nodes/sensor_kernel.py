@@ -8,7 +8,7 @@ sample, of variance density² · bandwidth · π/2.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,45 +30,26 @@ STROKE_RATE, TRAVEL = 6, 10
 REFERENCE = 14
 N_CHANNELS = 17
 
-# Columns of Sensors.channel; from FILTERED on they are state.
-(
-    KEEP,
-    OLD,
-    NEW,
-    NOISE,
-    NOISE_MEMORY,
-    NOISE_END_NS,
-    BIAS,
-    DRIFT_STEP,
-    RANGE,
-    LSB,
-    TO_BUS,
-    FILTERED,
-    PREVIOUS,
-    COLOURED,
-    DRIFT,
-    LAST,
-    INPUT,
-    MISSING,
-    N_COLUMNS,
-) = range(19)
-# Columns of Sensors.node. The message of a node without channels is built elsewhere. SENSOR is the
-# row of the node that has the faults: a further frame of a message has another row.
-(
-    MESSAGE,
-    FIRST_CHANNEL,
-    CHANNELS,
-    PERIOD,
-    LATENCY,
-    NEXT,
-    SAMPLES,
-    SAMPLE_SIGNAL,
-    BUS_NODE,
-    HELD_SAMPLE,
-    HELD_COUNTER,
-    SENSOR,
-    N_NODE_COLUMNS,
-) = range(13)
+CHANNEL = np.dtype(
+    [
+        *((name, "f8") for name in ("keep", "old", "new", "noise", "noise_memory", "noise_end_ns")),
+        *((name, "f8") for name in ("bias", "drift_step", "range", "lsb", "to_bus")),
+        *((name, "f8") for name in ("filtered", "previous", "coloured", "drift", "last", "input")),
+        *((name, "i8") for name in ("missing", "signal")),
+    ]
+)
+"""A channel: its data, from ``filtered`` on its state, and the row of its signal."""
+NODE = np.dtype(
+    [
+        *((name, "i8") for name in ("message", "first_channel", "channels", "period", "latency")),
+        *((name, "i8") for name in ("next", "samples", "sample_signal", "bus_node")),
+        *((name, "i8") for name in ("held_sample", "held_counter", "sensor")),
+    ]
+)
+"""A node; the message of one without channels is built elsewhere.
+
+``sensor`` is the row of the node that has the faults: a further frame of a message has another row.
+"""
 # Kinds of faults of a channel, whose place is its bit, and of a node: that behind all channels.
 SIGNAL_FAULTS = ("stuck", "invalid", "delay", "offset", "drift", "scale", "burst", "reversed")
 STUCK, INVALID, DELAY, OFFSET, DRIFT_AWAY, SCALE, BURST, REVERSED = range(8)
@@ -82,7 +63,7 @@ STEP = 1e-3
 
 
 class SensorTables(NamedTuple):
-    """Tables of every sensor node.
+    """Tables of every sensor node: rows of :data:`CHANNEL` and :data:`NODE`.
 
     ``fault`` has rows of :mod:`plant_sim.kernels.schedule`, ``history`` (FAULTS, HISTORY) the
     newest samples of delayed signals. ``mounting`` (9) rotates body axes to the IMU's, ``arm`` (3)
@@ -90,9 +71,8 @@ class SensorTables(NamedTuple):
     CG), ``motion`` (6) the motion there.
     """
 
-    channel: NDArray[np.float64]
-    signal: NDArray[np.int64]
-    node: NDArray[np.int64]
+    channel: NDArray[Any]
+    node: NDArray[Any]
     fault: Faults
     history: NDArray[np.float64]
     mounting: NDArray[np.float64]
@@ -109,12 +89,12 @@ def normal(seed: int, stream: int, count: int) -> float:
 
 
 @njit
-def _low_pass(channel: NDArray[np.float64], index: int, value: float) -> None:
+def _low_pass(channel: NDArray[Any], index: int, value: float) -> None:
     # Exact for an input that is linear over the step.
     row = channel[index]
-    row[PREVIOUS] = row[FILTERED]
-    row[FILTERED] = row[KEEP] * row[FILTERED] + row[OLD] * row[INPUT] + row[NEW] * value
-    row[INPUT] = value
+    row.previous = row.filtered
+    row.filtered = row.keep * row.filtered + row.old * row.input + row.new * value
+    row.input = value
 
 
 @njit
@@ -143,7 +123,7 @@ def _faulty(  # noqa: PLR0917
     sensors: SensorTables, index: int, value: float, t_ns: int, count: int, seed: int
 ) -> float:
     """Apply the faults of a channel to its value; nan if the sensor reports failure."""
-    last = sensors.channel[index, LAST]
+    last = sensors.channel[index].last
     measured = value
     for number in range(FAULTS):
         fault = sensors.fault[number]
@@ -186,35 +166,35 @@ def measure(  # noqa: PLR0917
     ``back`` is the time from the instant ``t_ns`` to the last step, as a fraction of a step.
     """
     row = sensors.channel[index]
-    value = row[FILTERED] + back * (row[PREVIOUS] - row[FILTERED])
-    if row[NOISE] > 0.0 and t_ns < row[NOISE_END_NS]:
-        fresh = math.sqrt(1.0 - row[NOISE_MEMORY] ** 2) * normal(seed, index, count)
-        row[COLOURED] = row[NOISE_MEMORY] * row[COLOURED] + fresh
-        value += row[NOISE] * row[COLOURED]
-    if row[DRIFT_STEP] > 0.0:
-        row[DRIFT] += row[DRIFT_STEP] * normal(seed, N_CHANNELS + index, count)
-    value += row[BIAS] + row[DRIFT]
+    value = row.filtered + back * (row.previous - row.filtered)
+    if row.noise > 0.0 and t_ns < row.noise_end_ns:
+        fresh = math.sqrt(1.0 - row.noise_memory**2) * normal(seed, index, count)
+        row.coloured = row.noise_memory * row.coloured + fresh
+        value += row.noise * row.coloured
+    if row.drift_step > 0.0:
+        row.drift += row.drift_step * normal(seed, N_CHANNELS + index, count)
+    value += row.bias + row.drift
     value = _faulty(sensors, index, value, t_ns, count, seed)
     if math.isnan(value):
         return value
-    value = min(max(value, -row[RANGE]), row[RANGE])
-    if row[LSB] > 0.0:
-        value = math.floor(value / row[LSB] + 0.5) * row[LSB]
-    row[LAST] = value
-    return float(value * row[TO_BUS])
+    value = min(max(value, -row.range), row.range)
+    if row.lsb > 0.0:
+        value = math.floor(value / row.lsb + 0.5) * row.lsb
+    row.last = value
+    return float(value * row.to_bus)
 
 
 @njit
 def node_fault(sensors: SensorTables, node: int, kind: int, t_ns: int) -> float:
     """Strength times value of a node's faults of ``kind`` at ``t_ns``; 0 where none acts."""
-    return schedule.total(sensors.fault, kind, 1 << N_CHANNELS + sensors.node[node, SENSOR], t_ns)
+    return schedule.total(sensors.fault, kind, 1 << N_CHANNELS + sensors.node[node].sensor, t_ns)
 
 
 @njit
 def silent(sensors: SensorTables, node: int, t_ns: int) -> bool:
     """Whether a fault keeps the node's sample of ``t_ns`` off the bus; if down, it restarts."""
     if node_fault(sensors, node, DOWN, t_ns) > 0.0:
-        sensors.node[node, SAMPLES] = 0
+        sensors.node[node].samples = 0
         return True
     return node_fault(sensors, node, DROPOUT, t_ns) > 0.0
 
@@ -222,7 +202,7 @@ def silent(sensors: SensorTables, node: int, t_ns: int) -> bool:
 @njit
 def period(sensors: SensorTables, node: int, t_ns: int) -> int:
     """Time (ns) from the node's sample at ``t_ns`` to its next."""
-    nominal = sensors.node[node, PERIOD]
+    nominal = sensors.node[node].period
     drift = node_fault(sensors, node, CLOCK_DRIFT, t_ns)
     return int(nominal if drift == 0.0 else nominal * (1.0 + drift))
 
@@ -242,36 +222,36 @@ def sample(  # noqa: PLR0917
     ``now_ns`` is the end of the last step.
     """
     row = sensors.node[node]
-    count = row[SAMPLES]
+    count = row.samples
     back = (now_ns - t_ns) / STEP_NS
     frozen = node_fault(sensors, node, FROZEN, t_ns) > 0.0
     if not frozen:
-        row[HELD_SAMPLE] = count
+        row.held_sample = count
     if node_fault(sensors, node, FROZEN_COUNTER, t_ns) == 0.0:
-        row[HELD_COUNTER] = count
-    for index in range(row[FIRST_CHANNEL], row[FIRST_CHANNEL] + row[CHANNELS]):
-        signal = sensors.signal[index]
-        if tables.field[signal, codec.FRAME] != row[MESSAGE]:
+        row.held_counter = count
+    for index in range(row.first_channel, row.first_channel + row.channels):
+        signal = sensors.channel[index].signal
+        if tables.field[signal, codec.FRAME] != row.message:
             continue
-        held = sensors.channel[index, LAST]
+        held = sensors.channel[index].last
         value = measure(sensors, index, back, t_ns, count, seed)
         if frozen:
-            sensors.channel[index, LAST] = held
-            value = held * sensors.channel[index, TO_BUS]
-        codec.put_value(tables, row[MESSAGE], signal, payload, value)
-        sensors.channel[index, MISSING] = 1.0 if math.isnan(value) else 0.0
-    for index in range(row[FIRST_CHANNEL], row[FIRST_CHANNEL] + row[CHANNELS]):
-        if sensors.channel[index, MISSING] == 1.0:
-            codec.invalidate(tables, row[MESSAGE], sensors.signal[index], payload)
-    codec.put(tables, row[MESSAGE], row[SAMPLE_SIGNAL], payload, row[HELD_SAMPLE] % 16)
-    row[SAMPLES] += 1
+            sensors.channel[index].last = held
+            value = held * sensors.channel[index].to_bus
+        codec.put_value(tables, row.message, signal, payload, value)
+        sensors.channel[index].missing = math.isnan(value)
+    for index in range(row.first_channel, row.first_channel + row.channels):
+        if sensors.channel[index].missing:
+            codec.invalidate(tables, row.message, sensors.channel[index].signal, payload)
+    codec.put(tables, row.message, row.sample_signal, payload, row.held_sample % 16)
+    row.samples += 1
 
 
 @njit
 def finish(sensors: SensorTables, tables: Codec, node: int, payload: NDArray[np.uint8]) -> None:
     """Give the frame of the node's newest sample its page and its protection."""
     row = sensors.node[node]
-    number = row[MESSAGE]
+    number = row.message
     message = tables.message[number]
     if message[codec.SELECTOR] >= 0:
         codec.insert(tables, message[codec.SELECTOR], payload, message[codec.SELECTED])
@@ -279,6 +259,6 @@ def finish(sensors: SensorTables, tables: Codec, node: int, payload: NDArray[np.
         tables.protection[number],
         tables.terms[number],
         tables.crc[number],
-        row[HELD_COUNTER],
+        row.held_counter,
         payload,
     )

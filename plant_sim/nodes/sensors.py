@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +19,6 @@ from plant_sim.nodes.imu_motion import N_MOTION, mounting
 from plant_sim.nodes.sensor_kernel import SensorTables
 from vehicles.model import SensorChannel, Vehicle
 
-NODES = (
-    "Imu",
-    "VehicleMotion",
-    "SuspensionRate",
-    "SuspensionTravel",
-    "RollReference",
-    "ActuatorState",
-)
-"""Messages of the plant's nodes in the order of the node table."""
-
 SENDERS = {
     "Imu": "Imu",
     "VehicleMotion": "Chassis",
@@ -37,6 +28,8 @@ SENDERS = {
     "ActuatorState": "Actuator",
 }
 """Node of the bus that sends each message."""
+NODES = tuple(SENDERS)
+"""Messages of the plant's nodes in the order of the node table."""
 
 FAULTS = {
     name: number
@@ -139,28 +132,26 @@ def _channel(
     period: float,
     options: SensorOptions,
     draws: np.random.Generator,
-) -> NDArray[np.float64]:
-    row = np.zeros(sensor_kernel.N_COLUMNS)
-    row[sensor_kernel.NEW] = 1.0
-    row[sensor_kernel.RANGE] = math.inf
-    row[sensor_kernel.TO_BUS] = PER_UNIT[unit]
+) -> Any:  # noqa: ANN401
+    row = np.zeros(1, sensor_kernel.CHANNEL)[0]
+    row["new"] = 1.0
+    row["range"] = math.inf
+    row["to_bus"] = PER_UNIT[unit]
     if data is None:
         return row
     if options.filtered:
-        row[[sensor_kernel.KEEP, sensor_kernel.OLD, sensor_kernel.NEW]] = _low_pass(data.bandwidth)
+        row["keep"], row["old"], row["new"] = _low_pass(data.bandwidth)
     warming = data.bias_per_kelvin * options.temperature
-    row[sensor_kernel.BIAS] = options.bias * (data.bias + abs(warming)) * draws.uniform(-1, 1)
-    row[sensor_kernel.DRIFT_STEP] = options.drift * options.bias * data.bias * math.sqrt(period)
-    row[sensor_kernel.NOISE] = (
-        options.noise * data.noise_density * math.sqrt(math.pi / 2 * data.bandwidth)
-    )
-    row[sensor_kernel.NOISE_MEMORY] = math.exp(-2 * math.pi * data.bandwidth * period)
-    row[sensor_kernel.NOISE_END_NS] = options.noise_end * 1e9
-    row[sensor_kernel.RANGE] = data.range
+    row["bias"] = options.bias * (data.bias + abs(warming)) * draws.uniform(-1, 1)
+    row["drift_step"] = options.drift * options.bias * data.bias * math.sqrt(period)
+    row["noise"] = options.noise * data.noise_density * math.sqrt(math.pi / 2 * data.bandwidth)
+    row["noise_memory"] = math.exp(-2 * math.pi * data.bandwidth * period)
+    row["noise_end_ns"] = options.noise_end * 1e9
+    row["range"] = data.range
     return row
 
 
-def _fault(fault: ScheduledFault, node: NDArray[np.int64], tables: Codec) -> tuple[float, ...]:
+def _fault(fault: ScheduledFault, node: NDArray[Any], tables: Codec) -> tuple[float, ...]:
     """Row of a fault among the tables of the sensors' nodes."""
     if fault.kind not in FAULTS:
         raise UnknownNameError("sensor fault", fault.kind, FAULTS)
@@ -175,7 +166,7 @@ def _fault(fault: ScheduledFault, node: NDArray[np.int64], tables: Codec) -> tup
         value = value if fault.kind == "clock_drift" else 1.0
     else:
         place = signal_channel(fault.where)
-    period = int(node[number, sensor_kernel.PERIOD]) * 1e-9
+    period = int(node[number]["period"]) * 1e-9
     if fault.kind == "spike":
         fault = replace(fault, every=fault.every or SPIKE_EVERY, lasting=period)
     elif fault.kind == "delay":
@@ -203,7 +194,7 @@ def _refuse_unsayable(fault: ScheduledFault, tables: Codec) -> None:
 
 
 def _add_further(
-    node: NDArray[np.int64], tables: Codec, draws: np.random.Generator, options: SensorOptions
+    node: NDArray[Any], tables: Codec, draws: np.random.Generator, options: SensorOptions
 ) -> None:
     """Rows for the frames of a message behind its first, with the cycle times they have."""
     free = len(NODES)
@@ -211,13 +202,13 @@ def _add_further(
         if not tables.message[index, codec.LENGTH]:
             continue
         contract = tables.message[index, codec.CONTRACT]
-        first = node[node[:, sensor_kernel.MESSAGE] == contract][0]
+        first = node[node["message"] == contract][0]
         node[free] = first
         period = int(tables.message[index, codec.CYCLE_NS])
         drawn = 0 if options.synchronous else int(draws.integers(period))
         leads = tables.message[index, codec.LEADER] == index
-        node[free, [sensor_kernel.MESSAGE, sensor_kernel.PERIOD]] = index, period
-        node[free, sensor_kernel.NEXT] = drawn if leads else NEVER
+        node[free]["message"], node[free]["period"] = index, period
+        node[free]["next"] = drawn if leads else NEVER
         free += 1
 
 
@@ -236,15 +227,14 @@ def build(
     contract = codec_tables.load()
     draws = np.random.default_rng([seed, 1])
     data = _channels(vehicle)
-    channels: list[NDArray[np.float64]] = []
-    signals: list[int] = []
+    channels: list[Any] = []
     rows = len(NODES) + own_frames.FURTHER_FRAMES
-    node = np.zeros((rows, sensor_kernel.N_NODE_COLUMNS), dtype=np.int64)
-    node[:, sensor_kernel.NEXT] = NEVER
-    node[:, sensor_kernel.MESSAGE] = -1
+    node = np.zeros(rows, sensor_kernel.NODE)
+    node["next"] = NEVER
+    node["message"] = -1
     for number, (message, names) in enumerate(_SIGNALS):
         row = node[number]
-        row[sensor_kernel.SENSOR] = number
+        row["sensor"] = number
         index = codec_tables.message_index(message)
         own = int(contract.message[index, codec.CYCLE_NS])
         period = int(tables.message[index, codec.CYCLE_NS]) or own
@@ -252,31 +242,29 @@ def build(
         drawn = 0 if options.synchronous else int(draws.integers(own)) * period // own
         members = data[len(channels) : len(channels) + len(names)]
         latency = max((c.latency for c in members if c), default=0.0) if options.delayed else 0.0
-        row[sensor_kernel.MESSAGE] = index
-        row[sensor_kernel.FIRST_CHANNEL] = len(channels)
-        row[sensor_kernel.CHANNELS] = len(names)
-        row[sensor_kernel.PERIOD] = period
-        row[sensor_kernel.LATENCY] = round(latency * 1e9)
-        row[sensor_kernel.NEXT] = (
-            round(options.phases[message] * 1e9) if message in options.phases else drawn
-        )
+        row["message"] = index
+        row["first_channel"] = len(channels)
+        row["channels"] = len(names)
+        row["period"] = period
+        row["latency"] = round(latency * 1e9)
+        row["next"] = round(options.phases[message] * 1e9) if message in options.phases else drawn
         if not tables.message[index, codec.LENGTH] or tables.message[index, codec.LEADER] != index:
-            row[sensor_kernel.NEXT] = NEVER
-        row[sensor_kernel.SAMPLE_SIGNAL] = codec_tables.signal_index(message, "SampleCounter")
+            row["next"] = NEVER
+        row["sample_signal"] = codec_tables.signal_index(message, "SampleCounter")
         for name, member in zip(names, members, strict=True):
-            signals.append(codec_tables.signal_index(message, name))
+            signal = codec_tables.signal_index(message, name)
             unit = codec_tables.unit(message, name)
-            carrier = tables.message[tables.field[signals[-1], codec.FRAME]]
+            carrier = tables.message[tables.field[signal, codec.FRAME]]
             sampled = int(carrier[codec.CYCLE_NS]) or period
             channels.append(_channel(member, unit, sampled * 1e-9, options, draws))
+            channels[-1]["signal"] = signal
     _add_further(node, tables, draws, options)
     channel = np.array(channels)
     for name, step in options.lsb.items():
-        channel[signal_channel(name), sensor_kernel.LSB] = step
+        channel[signal_channel(name)]["lsb"] = step
     faults = [_fault(fault, node, tables) for fault in options.faults]
     return SensorTables(
         channel,
-        np.array(signals, dtype=np.int64),
         node,
         schedule.table(sensor_kernel.FAULTS, faults, "sensors: at most {} faults"),
         np.zeros((sensor_kernel.FAULTS, sensor_kernel.HISTORY)),

@@ -13,7 +13,7 @@ from plant_sim.faults import Fault, kinds
 from plant_sim.faults.effects import power_losses
 from plant_sim.kernels import schedule
 from plant_sim.kernels.instants import NEVER
-from plant_sim.nodes import codec, codec_tables, sensor_kernel
+from plant_sim.nodes import codec, codec_tables
 from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.sensor_kernel import SensorTables
 from plant_sim.nodes.sensors import PER_UNIT
@@ -163,9 +163,9 @@ def _target(fault: Fault, tables: Codec, nodes: SensorTables) -> tuple[int, NDAr
         if not tables.field[places[0], codec.PIECES]:
             raise CanrollError(f"fault '{fault}': the map has no such signal")
         row = int(tables.field[places[0], codec.FRAME])
-    sampled = nodes.node[nodes.node[:, sensor_kernel.MESSAGE] == row]
+    sampled = nodes.node[nodes.node["message"] == row]
     if len(sampled):
-        counter = int(sampled[0, sensor_kernel.SAMPLE_SIGNAL])
+        counter = int(sampled[0]["sample_signal"])
         here = tables.field[counter, codec.PIECES] and tables.field[counter, codec.FRAME] == row
         places[1] = counter if here else -1
     if fault.kind == "wrong_length" and fault.value > tables.message[row, codec.LENGTH]:

@@ -302,16 +302,16 @@ def sense(world: LoopMemory, network: bus.State, number: int, now_ns: int) -> No
     """Sample at every instant of the node's clock up to ``now_ns`` and queue the frames."""
     clock = world.clock
     node = world.sensors.node[number]
-    message = world.tables.message[node[sensor_kernel.MESSAGE]]
+    message = world.tables.message[node.message]
     payload = world.payload
-    while node[sensor_kernel.NEXT] <= now_ns:
-        t_ns = node[sensor_kernel.NEXT]
+    while node.next <= now_ns:
+        t_ns = node.next
         payload[:] = 0
         for other in range(len(world.sensors.node)):
-            row = world.sensors.node[other, sensor_kernel.MESSAGE]
-            if row < 0 or world.tables.message[row, codec.LEADER] != node[sensor_kernel.MESSAGE]:
+            row = world.sensors.node[other].message
+            if row < 0 or world.tables.message[row, codec.LEADER] != node.message:
                 continue
-            if world.sensors.node[other, sensor_kernel.SENSOR] == clock[STATE_NODE]:
+            if world.sensors.node[other].sensor == clock[STATE_NODE]:
                 held = sensor_kernel.node_fault(world.sensors, other, sensor_kernel.FROZEN, t_ns)
                 actuator_kernel.report(world.actuators, world.tables, row, payload, held > 0.0)
             sensor_kernel.sample(
@@ -322,17 +322,17 @@ def sense(world: LoopMemory, network: bus.State, number: int, now_ns: int) -> No
             authentication.protect(
                 world.authentication,
                 world.tables,
-                node[sensor_kernel.MESSAGE],
+                node.message,
                 payload,
-                node[sensor_kernel.SAMPLES] == 1,
+                node.samples == 1,
             )
-            t_queued = t_ns + node[sensor_kernel.LATENCY]
+            t_queued = t_ns + node.latency
             frame_kernel.send(
                 world.frames,
                 world.tables,
                 network,
-                node[sensor_kernel.BUS_NODE],
-                node[sensor_kernel.MESSAGE],
+                node.bus_node,
+                node.message,
                 t_queued,
                 message[codec.IDENT],
                 message[codec.LENGTH],
@@ -340,7 +340,7 @@ def sense(world: LoopMemory, network: bus.State, number: int, now_ns: int) -> No
                 message[codec.FLAGS],
                 clock[SEED],
             )
-        node[sensor_kernel.NEXT] += sensor_kernel.period(world.sensors, number, t_ns)
+        node.next += sensor_kernel.period(world.sensors, number, t_ns)
 
 
 @njit
@@ -392,7 +392,7 @@ def advance(parts: Parts, until_ns: int) -> int:
         clock[PLANT_NS] = t_ns
         sensor_kernel.observe(world.sensors, inputs, outputs)
         for number in range(len(world.sensors.node)):
-            if world.sensors.node[number, sensor_kernel.NEXT] <= t_ns:
+            if world.sensors.node[number].next <= t_ns:
                 sense(world, network, number, t_ns)
         recording.record(rows, clock[ROWS], outputs, inputs, world.actuators)
         clock[ROWS] += 1

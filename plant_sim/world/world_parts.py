@@ -110,11 +110,10 @@ def _sensors(  # noqa: PLR0917
     """Sensor nodes on their bus nodes, with low-passes settled at the initial state."""
     nodes = sensor_setup.build(vehicle, options=options, seed=seed, tables=tables)
     for row in nodes.node:
-        message = sensor_setup.NODES[row[sensor_kernel.SENSOR]]
-        row[sensor_kernel.BUS_NODE] = can_bus.NODES.index(sensor_setup.SENDERS[message])
+        message = sensor_setup.NODES[row["sensor"]]
+        row["bus_node"] = can_bus.NODES.index(sensor_setup.SENDERS[message])
     sensor_kernel.observe(nodes, inputs, outputs)
-    for column in (sensor_kernel.FILTERED, sensor_kernel.PREVIOUS):
-        nodes.channel[:, column] = nodes.channel[:, sensor_kernel.INPUT]
+    nodes.channel["filtered"] = nodes.channel["previous"] = nodes.channel["input"]
     return nodes
 
 
@@ -123,7 +122,7 @@ def _clock(
 ) -> NDArray[np.int64]:
     clock = np.zeros(kernel.N_CLOCK, dtype=np.int64)
     clock[kernel.IMU_SAMPLE] = kernel.NOTHING
-    clock[kernel.IMU_LATENCY] = nodes.node[sensor_setup.NODES.index("Imu"), sensor_kernel.LATENCY]
+    clock[kernel.IMU_LATENCY] = nodes.node[sensor_setup.NODES.index("Imu")]["latency"]
     clock[kernel.ECU_SEGMENT] = network.nodes["segment"][can_bus.ECU]
     clock[kernel.ACTUATOR_SEGMENT] = network.nodes["segment"][can_bus.ACTUATOR]
     clock[kernel.SEED] = seed

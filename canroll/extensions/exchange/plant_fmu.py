@@ -24,7 +24,7 @@ from plant_sim import can_bus
 from plant_sim.bodies.ports import Body
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.kernels.records import to_record
-from plant_sim.nodes import actuators, e2e, own_sums, sensor_kernel, sensors
+from plant_sim.nodes import actuators, e2e, own_sums, sensors
 from plant_sim.world import frame_kernel, recording
 from plant_sim.world.world_kernel import PLANT_NS, STEP, Parts
 
@@ -263,7 +263,7 @@ def _measured() -> list[Variable]:
             type=FLOAT64,
             causality=OUTPUT,
             variability="discrete",
-            member=f"plant.sensors.channel[{index * sensor_kernel.N_COLUMNS + sensor_kernel.LAST}]",
+            member=f"plant.sensors.channel[{index}].last",
             unit=_measured_unit(name),
             description="as sampled last",
         )

@@ -132,7 +132,7 @@ def advance(plant: Plant) -> None:
     plant.clock[PLANT_NS] = t_ns
     sensor_kernel.observe(plant.sensors, plant.inputs, plant.outputs)
     for number in range(len(plant.sensors.node)):
-        if plant.sensors.node[number, sensor_kernel.NEXT] <= t_ns:
+        if plant.sensors.node[number].next <= t_ns:
             sense(plant, plant.queue, number, t_ns)
 
 
