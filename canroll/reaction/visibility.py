@@ -211,11 +211,11 @@ def accepted(frames: Table, name: str) -> tuple[NDArray[np.void], dict[str, Vect
     One of another length or with a wrong checksum is refused; an invalid value is the last one.
     """
     tables, row = codec_tables.load(), codec_tables.message_index(name)
-    length = tables.message[row, codec.LENGTH]
-    protection = tables.protection[row], tables.terms[row], tables.crc[row]
-    heard = received_by_ecu(frames, int(tables.message[row, codec.IDENT]))
+    length = tables.message[row]["length"]
+    protection = tables.protection[row]
+    heard = received_by_ecu(frames, int(tables.message[row]["ident"]))
     taken = [
-        frame["length"] == length and e2e.intact(*protection, frame["payload"]) for frame in heard
+        frame["length"] == length and e2e.intact(protection, frame["payload"]) for frame in heard
     ]
     heard = heard[np.array(taken, bool)]
     values = {}

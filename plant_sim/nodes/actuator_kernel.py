@@ -91,8 +91,6 @@ def receive(
         node.receiver[which],
         node.supervision,
         tables.protection[number],
-        tables.terms[number],
-        tables.crc[number],
         payload,
     )
     if status not in (e2e.OK, e2e.SOME_LOST, e2e.INITIAL):
@@ -105,7 +103,7 @@ def receive(
         accepted = codec.valid(tables, signal, raw) and codec.agrees(tables, signal, payload)
         node.demand[channel] = value if accepted else 0.0
     node.held = 1
-    node.counter = e2e.counter_of(tables.protection[number], tables.terms[number], payload)
+    node.counter = e2e.counter_of(tables.protection[number], payload)
     node.source = which
     node.t_accepted = t_ns
     return True
@@ -172,7 +170,7 @@ def report(
         codec.put(tables, message, signal, payload, raw)
     for corner in range(4):
         status = node.report[2 + corner]
-        if tables.field[status, codec.FRAME] == message:
+        if tables.field[status].frame == message:
             codec.insert(tables, status, payload, node.latched[corner])
             node.latched[corner] = node.status[corner]
     codec.put(tables, message, node.report[6], payload, node.enabled)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from plant_sim.kernels.instants import NEVER
 from plant_sim.kernels.jit import njit
-from plant_sim.nodes import e2e
 from plant_sim.nodes.codec import Codec
 
 SECURED = 20
@@ -182,7 +181,7 @@ def protect(
     for k in range(3):
         payload[STARTS_AT + k] = (starts >> (16 - 8 * k)) & 255
         payload[COUNT_AT + k] = (count >> (16 - 8 * k)) & 255
-    _authenticate(auth, tables.protection[row, e2e.DATA_ID], payload)
+    _authenticate(auth, tables.protection[row].data_id, payload)
     for k in range(SECURED - MAC_AT):
         payload[MAC_AT + k] = auth.block[k]
 
@@ -227,7 +226,7 @@ def verify(
     if count >= COUNTS - 1:
         good = False
     if good:
-        _authenticate(auth, tables.protection[row, e2e.DATA_ID], payload)
+        _authenticate(auth, tables.protection[row].data_id, payload)
         for k in range(SECURED - MAC_AT):
             if auth.block[k] != int(payload[MAC_AT + k]):
                 good = False

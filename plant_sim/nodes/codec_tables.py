@@ -20,47 +20,14 @@ from plant_sim.can_bus.network.own_frames import FURTHER_FRAMES, contract_names,
 from plant_sim.kernels.instants import MS
 from plant_sim.nodes import e2e, float32
 from plant_sim.nodes.codec import (
-    ALIKE,
-    CONTRACT,
-    CYCLE_NS,
-    END,
-    FIRST,
-    FLAGS,
-    FRAME,
-    IDENT,
-    INVALID_CODE,
-    INVERTED,
-    KEY,
-    LEADER,
-    LENGTH,
-    MINUS,
-    N_FIELD,
-    N_MESSAGE,
-    N_PIECE,
+    FIELD,
+    MESSAGE,
     NO_ERROR_CODE,
     OF_THE_FRAME,
-    PAGE,
-    PAGE_SIGNAL,
-    PARTED,
-    PIECES,
-    RAW_ERROR,
-    RAW_MAX,
-    RAW_MIN,
-    REAL,
-    REST,
-    SELECTED,
-    SELECTOR,
-    SIGNED,
-    TOLERANCE,
-    TWIN,
-    VALID_CODE,
-    VALIDITY,
-    WIDTH,
     Codec,
     physical,
 )
 
-_PIECES = 5
 _SPARE = 64
 """Rows for signals that belong to others: tables of all buses have one shape."""
 
@@ -79,7 +46,7 @@ def message_index(name: str) -> int:
 
 def signal_index(message: str, signal: str) -> int:
     """Row of a signal in the tables."""
-    first = int(load().message[message_index(message), FIRST])
+    first = int(load().message[message_index(message)]["first"])
     names = [entry.name for entry in _messages()[message].signals]
     if signal not in names:
         raise UnknownNameError(f"signal of {message}", signal, names)
@@ -104,28 +71,32 @@ def _empty() -> Codec:
     signals = sum(len(message.signals) for message in messages.values())
     rows = len(messages) + FURTHER_FRAMES
     codec = Codec(
-        np.zeros((rows, N_MESSAGE), dtype=np.int64),
-        np.zeros((signals + _SPARE, N_FIELD), dtype=np.int64),
-        np.zeros((signals + _SPARE, _PIECES, N_PIECE), dtype=np.int64),
-        np.tile([1.0, 1.0, 0.0], (signals + _SPARE, 1)),
-        *e2e.tables(rows),
+        np.zeros(rows, MESSAGE),
+        np.zeros(signals + _SPARE, FIELD),
+        np.zeros(rows, e2e.PROTECTION),
     )
-    codec.message[:, [KEY, SELECTOR, CONTRACT]] = -1
-    codec.message[:, LEADER] = range(rows)
-    codec.field[:, [PAGE, MINUS, TWIN, FRAME, ALIKE, VALIDITY]] = -1
+    for name in ("key", "selector", "contract"):
+        codec.message[name] = -1
+    codec.message["leader"] = range(rows)
+    for name in ("page", "minus", "twin", "frame", "alike", "validity"):
+        codec.field[name] = -1
+    codec.field["scale"] = codec.field["offset"] = 1.0
     first = 0
     for index, message in enumerate(messages.values()):
         end = first + len(message.signals)
-        codec.message[index, [FIRST, END, CONTRACT]] = first, end, index
-        codec.field[first:end, FRAME] = index
+        row = codec.message[index]
+        row["first"], row["end"], row["contract"] = first, end, index
+        codec.field[first:end]["frame"] = index
         first = end
     return codec
 
 
 def _place(codec: Codec, row: int, signal: RawSignal) -> None:
-    codec.field[row, [PIECES, WIDTH, SIGNED]] = len(signal.pieces), signal.length, signal.signed
+    field = codec.field[row]
+    field["pieces"], field["width"] = len(signal.pieces), signal.length
+    field["has_sign"] = signal.signed
     for k, piece in enumerate(signal.pieces):
-        codec.piece[row, k] = piece.byte, piece.bit, piece.width, piece.signal_bit
+        field["piece"][k] = piece.byte, piece.bit, piece.width, piece.signal_bit
 
 
 def _contract_field(codec: Codec, row: int, signal: Signal, first: int, names: list[str]) -> None:
@@ -136,14 +107,13 @@ def _contract_field(codec: Codec, row: int, signal: Signal, first: int, names: l
     low = bottom if signal.minimum is None else round((float(signal.minimum) - offset) / scale)
     high = top if signal.maximum is None else round((float(signal.maximum) - offset) / scale)
     _place(codec, row, raw_signal(signal))
-    codec.field[row, [RAW_MIN, RAW_MAX, RAW_ERROR]] = low, high, codes.get("Error", top)
+    field = codec.field[row]
+    field["raw_min"], field["raw_max"], field["raw_error"] = low, high, codes.get("Error", top)
     if signal.multiplexer_ids:
-        codec.field[row, PAGE] = signal.multiplexer_ids[0]
-    if signal.multiplexer_signal:
-        codec.field[row, PAGE_SIGNAL] = first + names.index(signal.multiplexer_signal)
-    else:
-        codec.field[row, PAGE_SIGNAL] = first
-    codec.scaling[row, :REST] = scale, offset
+        field["page"] = signal.multiplexer_ids[0]
+    selector = signal.multiplexer_signal
+    field["page_signal"] = first + names.index(selector) if selector else first
+    field["scale"], field["offset"] = scale, offset
 
 
 @cache
@@ -152,13 +122,13 @@ def load() -> Codec:
     codec = _empty()
     for index, message in enumerate(_messages().values()):
         row = codec.message[index]
-        row[[IDENT, LENGTH, KEY]] = message.frame_id, message.length, message.frame_id
-        row[CYCLE_NS] = (message.cycle_time or 0) * MS
+        row["ident"] = row["key"] = message.frame_id
+        row["length"] = message.length
+        row["cycle_ns"] = (message.cycle_time or 0) * MS
         names = [signal.name for signal in message.signals]
         for k, signal in enumerate(message.signals):
-            _contract_field(codec, int(row[FIRST]) + k, signal, int(row[FIRST]), names)
-        terms = protection(message, None, (), dbc.PATH.name)
-        e2e.put(codec.protection[index], codec.terms[index], codec.crc[index], terms)
+            _contract_field(codec, int(row["first"]) + k, signal, int(row["first"]), names)
+        e2e.put(codec.protection[index], protection(message, None, (), dbc.PATH.name))
     return codec
 
 
@@ -177,15 +147,15 @@ def of_map(bus: BusMap, frames: Mapping[int, Mapping[str, Signal]] | None = None
         names = contract_names(box.slot)
         index = message_index(names.message)
         if box.further:
-            codec.message[free, CONTRACT] = index
+            codec.message[free]["contract"] = index
             index, free = free, free + 1
         row = codec.message[index]
-        row[KEY] = box.ident
-        row[IDENT], row[LENGTH] = box.ident & (EXTENDED_IDENT - 1), box.sent_length
-        row[FLAGS] = flags_of(box)
-        row[CYCLE_NS] = round(box.cycle_ms * MS)
-        row[LEADER] = leaders.setdefault(box.ident, index)
-        e2e.put(codec.protection[index], codec.terms[index], codec.crc[index], box.protection)
+        row["key"] = box.ident
+        row["ident"], row["length"] = box.ident & (EXTENDED_IDENT - 1), box.sent_length
+        row["flags"] = flags_of(box)
+        row["cycle_ns"] = round(box.cycle_ms * MS)
+        row["leader"] = leaders.setdefault(box.ident, index)
+        e2e.put(codec.protection[index], box.protection)
         summed = {signal.place.text for signal in box.signals if signal.added}
         # of a sum the finest last: it has the rest
         for signal in sorted(box.signals, key=lambda its: -its.step):
@@ -193,44 +163,43 @@ def of_map(bus: BusMap, frames: Mapping[int, Mapping[str, Signal]] | None = None
                 continue
             name = names.signals[signal.place.text]
             first = at = signal_index(names.message, name)
-            if codec.field[at, PIECES]:
+            if codec.field[at]["pieces"]:
                 # a mean of several: the same value is in each; a sum: each has a part of it
                 last = first
-                while codec.field[last, ALIKE] >= 0:
-                    last = codec.field[last, ALIKE]
-                codec.field[last, ALIKE] = spare
+                while codec.field[last]["alike"] >= 0:
+                    last = codec.field[last]["alike"]
+                codec.field[last]["alike"] = spare
                 at, spare = spare, spare + 1
             _place(codec, at, signal)
-            codec.field[at, FRAME] = index
+            codec.field[at]["frame"] = index
             _scale(codec, at, signal, unit(names.message, name))
             if signal.place.text in summed:
-                codec.field[at, PARTED] = 1
+                codec.field[at]["parted"] = 1
                 while first != at:
-                    limits = codec.field[at, [RAW_MIN, RAW_MAX]].tolist()
-                    codec.scaling[first, REST] += sum(physical(codec, at, n) for n in limits) / 2
-                    first = codec.field[first, ALIKE]
-            others: dict[int, RawSignal | None] = {
-                MINUS: signal.minus,
-                TWIN: signal.twin.signal if signal.twin else None,
-                VALIDITY: signal.validity.signal if signal.validity else None,
+                    limits = [int(codec.field[at][name]) for name in ("raw_min", "raw_max")]
+                    codec.field[first]["rest"] += sum(physical(codec, at, n) for n in limits) / 2
+                    first = int(codec.field[first]["alike"])
+            others: dict[str, RawSignal | None] = {
+                "minus": signal.minus,
+                "twin": signal.twin.signal if signal.twin else None,
+                "validity": signal.validity.signal if signal.validity else None,
             }
             for column, other in others.items():
                 if other is not None:
                     _place(codec, spare, other)
-                    codec.field[at, column] = spare
+                    codec.field[at][column] = spare
                     spare += 1
             if signal.validity is not None:
                 # what the signals that share it have in common: one code says it of all of them
                 codes = valid_codes(box.signals)[signal.validity.signal.name]
-                codec.field[at, [VALID_CODE, INVALID_CODE]] = codes[0], _missing(codes)
+                codec.field[at]["valid_code"] = codes[0]
+                codec.field[at]["invalid_code"] = _missing(codes)
             if signal.twin is not None:
-                codec.field[at, [INVERTED, TOLERANCE]] = (
-                    signal.twin.inverted,
-                    signal.twin.tolerance,
-                )
+                codec.field[at]["inverted"] = signal.twin.inverted
+                codec.field[at]["tolerance"] = signal.twin.tolerance
         if box.selector is not None:
             _place(codec, spare, box.selector)
-            row[[SELECTOR, SELECTED]] = spare, box.pages[0]
+            row["selector"], row["selected"] = spare, box.pages[0]
             spare += 1
     for ident, leader in leaders.items():
         mapped = {part.name for b in bus.frames if b.ident == ident for part in _parts(b)}
@@ -253,7 +222,7 @@ def _place_rest(codec: Codec, leader: int, rest: Mapping[str, Signal]) -> None:
     """Map further signals of the contract that a frame contains in addition to those of the map."""
     for index, message in enumerate(_messages().values()):
         row = codec.message[index]
-        if row[LENGTH] and row[LEADER] != leader:
+        if row["length"] and row["leader"] != leader:
             continue
         candidates = {
             signal.name: rest[signal.name]
@@ -263,14 +232,15 @@ def _place_rest(codec: Codec, leader: int, rest: Mapping[str, Signal]) -> None:
             and signal.name not in OF_THE_FRAME
         }
         values = {signal.name for signal in message.signals} - OF_THE_FRAME
-        if not row[LENGTH] and candidates.keys() == values:
-            own = row[[FIRST, END, CONTRACT]].copy()
-            row[:] = codec.message[leader]
-            row[[FIRST, END, CONTRACT]] = own
-        if row[LENGTH]:
+        if not row["length"] and candidates.keys() == values:
+            own = row.copy()
+            codec.message[index] = codec.message[leader]
+            for name in ("first", "end", "contract"):
+                row[name] = own[name]
+        if row["length"]:
             names = [signal.name for signal in message.signals]
             for name, signal in candidates.items():
-                at, first = signal_index(message.name, name), int(row[FIRST])
+                at, first = signal_index(message.name, name), int(row["first"])
                 _contract_field(codec, at, signal, first, names)
 
 
@@ -278,7 +248,8 @@ def _scale(codec: Codec, row: int, signal: MappedSignal, contract_unit: str) -> 
     """Scaling in the contract's unit, and the range of valid codes."""
     factor = float(conversion(signal.place.unit, contract_unit, signal.name, dbc.PATH.name))
     factor /= 2**signal.place.q
-    codec.scaling[row, :REST] = float(signal.scale) * factor, float(signal.offset) * factor
+    field = codec.field[row]
+    field["scale"], field["offset"] = float(signal.scale) * factor, float(signal.offset) * factor
     low, high = signal.raw_lo, signal.raw_hi
     while high in signal.unavailable:
         high -= 1
@@ -286,4 +257,5 @@ def _scale(codec: Codec, row: int, signal: MappedSignal, contract_unit: str) -> 
         low += 1
     error = signal.unavailable[0] if signal.unavailable else NO_ERROR_CODE
     error = float32.NOT_A_NUMBER if signal.real else error
-    codec.field[row, [RAW_MIN, RAW_MAX, RAW_ERROR, REAL]] = low, high, error, signal.real
+    field["raw_min"], field["raw_max"], field["raw_error"] = low, high, error
+    field["real"] = signal.real

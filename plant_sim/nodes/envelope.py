@@ -58,14 +58,14 @@ def build(
 ) -> Envelope:
     """Envelope that has heard nothing yet."""
     signal = codec_tables.signal_index("Imu", "LateralAcceleration")
-    message = int(tables.field[signal, codec.FRAME])
+    message = int(tables.field[signal]["frame"])
     row = tables.message[message]
     yaw_rate = codec_tables.signal_index("Imu", "YawRate")
     field = tables.field[yaw_rate]
-    together = field[codec.PIECES] and field[codec.FRAME] == message
+    together = field["pieces"] and field["frame"] == message
     result = np.zeros(1, ENVELOPE)[0]
     result["arm"], result["most"] = arm, most
-    result["frame"] = int(row[codec.LEADER]) if row[codec.LENGTH] else -1
+    result["frame"] = int(row["leader"]) if row["length"] else -1
     result["message"], result["signal"] = message, signal
     result["yaw_rate"] = yaw_rate if together else -1
     result["heard_ns"] = NEVER
@@ -87,8 +87,6 @@ def hear(
         envelope.receiver,
         supervision,
         tables.protection[message],
-        tables.terms[message],
-        tables.crc[message],
         payload,
     )
     raw = codec.extract(tables, signal, payload)

@@ -231,7 +231,7 @@ def sample(  # noqa: PLR0917
         row.held_counter = count
     for index in range(row.first_channel, row.first_channel + row.channels):
         signal = sensors.channel[index].signal
-        if tables.field[signal, codec.FRAME] != row.message:
+        if tables.field[signal].frame != row.message:
             continue
         held = sensors.channel[index].last
         value = measure(sensors, index, back, t_ns, count, seed)
@@ -253,12 +253,10 @@ def finish(sensors: SensorTables, tables: Codec, node: int, payload: NDArray[np.
     row = sensors.node[node]
     number = row.message
     message = tables.message[number]
-    if message[codec.SELECTOR] >= 0:
-        codec.insert(tables, message[codec.SELECTOR], payload, message[codec.SELECTED])
+    if message.selector >= 0:
+        codec.insert(tables, message.selector, payload, message.selected)
     e2e.protect(
         tables.protection[number],
-        tables.terms[number],
-        tables.crc[number],
         row.held_counter,
         payload,
     )

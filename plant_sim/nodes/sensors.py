@@ -183,9 +183,9 @@ def _refuse_unsayable(fault: ScheduledFault, tables: Codec) -> None:
     if not signal:
         return
     row = tables.field[codec_tables.signal_index(message, signal)]
-    if not row[codec.PIECES]:
+    if not row["pieces"]:
         raise CanrollError(f"sensor fault of {fault.where}: the map has no such signal")
-    unsaid = row[codec.RAW_ERROR] == codec.NO_ERROR_CODE and row[codec.VALIDITY] < 0
+    unsaid = row["raw_error"] == codec.NO_ERROR_CODE and row["validity"] < 0
     if fault.kind == "invalid" and unsaid:
         raise CanrollError(
             f"sensor fault of {fault.where}: the signal has no code for invalid: add unavailable "
@@ -199,14 +199,14 @@ def _add_further(
     """Rows for the frames of a message behind its first, with the cycle times they have."""
     free = len(NODES)
     for index in range(len(tables.message) - own_frames.FURTHER_FRAMES, len(tables.message)):
-        if not tables.message[index, codec.LENGTH]:
+        if not tables.message[index]["length"]:
             continue
-        contract = tables.message[index, codec.CONTRACT]
+        contract = tables.message[index]["contract"]
         first = node[node["message"] == contract][0]
         node[free] = first
-        period = int(tables.message[index, codec.CYCLE_NS])
+        period = int(tables.message[index]["cycle_ns"])
         drawn = 0 if options.synchronous else int(draws.integers(period))
-        leads = tables.message[index, codec.LEADER] == index
+        leads = tables.message[index]["leader"] == index
         node[free]["message"], node[free]["period"] = index, period
         node[free]["next"] = drawn if leads else NEVER
         free += 1
@@ -236,8 +236,8 @@ def build(
         row = node[number]
         row["sensor"] = number
         index = codec_tables.message_index(message)
-        own = int(contract.message[index, codec.CYCLE_NS])
-        period = int(tables.message[index, codec.CYCLE_NS]) or own
+        own = int(contract.message[index]["cycle_ns"])
+        period = int(tables.message[index]["cycle_ns"]) or own
         # the same share of the cycle on every bus
         drawn = 0 if options.synchronous else int(draws.integers(own)) * period // own
         members = data[len(channels) : len(channels) + len(names)]
@@ -248,14 +248,14 @@ def build(
         row["period"] = period
         row["latency"] = round(latency * 1e9)
         row["next"] = round(options.phases[message] * 1e9) if message in options.phases else drawn
-        if not tables.message[index, codec.LENGTH] or tables.message[index, codec.LEADER] != index:
+        if not tables.message[index]["length"] or tables.message[index]["leader"] != index:
             row["next"] = NEVER
         row["sample_signal"] = codec_tables.signal_index(message, "SampleCounter")
         for name, member in zip(names, members, strict=True):
             signal = codec_tables.signal_index(message, name)
             unit = codec_tables.unit(message, name)
-            carrier = tables.message[tables.field[signal, codec.FRAME]]
-            sampled = int(carrier[codec.CYCLE_NS]) or period
+            carrier = tables.message[tables.field[signal]["frame"]]
+            sampled = int(carrier["cycle_ns"]) or period
             channels.append(_channel(member, unit, sampled * 1e-9, options, draws))
             channels[-1]["signal"] = signal
     _add_further(node, tables, draws, options)

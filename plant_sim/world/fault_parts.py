@@ -13,7 +13,7 @@ from plant_sim.faults import Fault, kinds
 from plant_sim.faults.effects import power_losses
 from plant_sim.kernels import schedule
 from plant_sim.kernels.instants import NEVER
-from plant_sim.nodes import codec, codec_tables
+from plant_sim.nodes import codec_tables
 from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.sensor_kernel import SensorTables
 from plant_sim.nodes.sensors import PER_UNIT
@@ -156,20 +156,20 @@ def _target(fault: Fault, tables: Codec, nodes: SensorTables) -> tuple[int, NDAr
         return frame_kernel.EVERY_MESSAGE, places
     message, _, signal = fault.where.removeprefix(kinds.ATTACKER_PREFIX).partition(".")
     row = codec_tables.message_index(message)
-    if not tables.message[row, codec.LENGTH]:
+    if not tables.message[row]["length"]:
         raise CanrollError(f"fault '{fault}': {message} is not on this bus")
     if signal:
         places[0] = codec_tables.signal_index(message, signal)
-        if not tables.field[places[0], codec.PIECES]:
+        if not tables.field[places[0]]["pieces"]:
             raise CanrollError(f"fault '{fault}': the map has no such signal")
-        row = int(tables.field[places[0], codec.FRAME])
+        row = int(tables.field[places[0]]["frame"])
     sampled = nodes.node[nodes.node["message"] == row]
     if len(sampled):
         counter = int(sampled[0]["sample_signal"])
-        here = tables.field[counter, codec.PIECES] and tables.field[counter, codec.FRAME] == row
+        here = tables.field[counter]["pieces"] and tables.field[counter]["frame"] == row
         places[1] = counter if here else -1
-    if fault.kind == "wrong_length" and fault.value > tables.message[row, codec.LENGTH]:
-        length = int(tables.message[row, codec.LENGTH])
+    if fault.kind == "wrong_length" and fault.value > tables.message[row]["length"]:
+        length = int(tables.message[row]["length"])
         raise CanrollError(f"fault '{fault}': {message} has {length} bytes: give fewer")
     return 1 << row, places
 

@@ -75,7 +75,7 @@ def send(  # noqa: PLR0917
     if row >= 0 and frames.fault[0].places:
         late = int(1e9 * schedule.most(frames.fault, DELAY, 1 << row, t_ns))
         if _happens(frames, REORDER, row, t_ns, seed):
-            cycle = max(int(tables.message[row, codec.CYCLE_NS]), SHORTEST_CYCLE_NS)
+            cycle = max(int(tables.message[row].cycle_ns), SHORTEST_CYCLE_NS)
             late += int(CYCLES_LATE * cycle)
         if _happens(frames, DUPLICATE, row, t_ns, seed):
             again = late + LATER_NS
@@ -128,7 +128,7 @@ def attack(  # noqa: PLR0917
         if schedule.severity(fault, entry.t_received) == 0.0:
             continue
         t_ns = network.clock[bus.NOW]
-        length = message[codec.LENGTH]
+        length = message.length
         for byte in range(len(payload)):
             payload[byte] = entry.payload[byte] if byte < length else 0
         if kind == REPLAY:
@@ -143,10 +143,8 @@ def attack(  # noqa: PLR0917
             if sample >= 0:
                 count = codec.extract(tables, sample, payload) + 1
                 codec.insert(tables, sample, payload, count % 16)
-            counter = e2e.counter_of(tables.protection[row], tables.terms[row], payload) + 1
-            e2e.protect(
-                tables.protection[row], tables.terms[row], tables.crc[row], counter, payload
-            )
+            counter = e2e.counter_of(tables.protection[row], payload) + 1
+            e2e.protect(tables.protection[row], counter, payload)
             authentication.pretend(auth, payload)
-        flags = message[codec.FLAGS]
-        bus.submit(network, attacker, t_ns, message[codec.IDENT], length, payload, flags)
+        flags = message.flags
+        bus.submit(network, attacker, t_ns, message.ident, length, payload, flags)

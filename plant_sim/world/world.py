@@ -23,7 +23,7 @@ from plant_sim.kernels.jit import compiling, is_cached
 from plant_sim.kernels.records import entry, type_of
 from plant_sim.nodes import authentication
 from plant_sim.nodes.actuators import ActuatorOptions
-from plant_sim.nodes.codec import CYCLE_NS, IDENT, MAX_PAYLOAD
+from plant_sim.nodes.codec import MAX_PAYLOAD
 from plant_sim.nodes.codec_tables import message_index
 from plant_sim.nodes.sensors import SensorOptions
 from plant_sim.world import fault_parts, recording, world_parts
@@ -148,7 +148,7 @@ class World:
         self._clock = memory["clock"].data
         self._bus_clock = self._parts.network.clock.data
         self._outbox: NDArray[Any] = memory["outbox"]
-        self._imu: NDArray[np.int64] = memory["tables"]["message"][message_index("Imu")]
+        self._imu = memory["tables"]["message"][message_index("Imu")]
         self._fd = world_parts.fd_keys(memory["tables"]["message"])
         self._received: NDArray[Any] = memory["received"]
         self._outputs: NDArray[np.float64] = memory["outputs"]
@@ -290,12 +290,12 @@ class World:
     @property
     def imu_ident(self) -> int:
         """Identifier of the frames that carry the inertial measurement."""
-        return int(self._imu[IDENT])
+        return int(self._imu["ident"])
 
     @property
     def imu_period_ns(self) -> int:
         """Cycle time of these frames (ns)."""
-        return int(self._imu[CYCLE_NS])
+        return int(self._imu["cycle_ns"])
 
     @property
     def refused(self) -> int:

@@ -112,7 +112,7 @@ class Parts(NamedTuple):
 def row_of(tables: Codec, key: int) -> int:
     """Row of the first message in the frame ``key`` of the tables; -1 for a foreign frame."""
     for row in range(len(tables.message)):
-        if tables.message[row, codec.KEY] == key:
+        if tables.message[row].key == key:
             return row
     return -1
 
@@ -132,7 +132,7 @@ def _post(world: LoopMemory, network: bus.State) -> None:
         row = row_of(world.tables, key)
         flags = EXTENDED if key & EXTENDED_KEY else 0
         if row >= 0:
-            flags = world.tables.message[row, codec.FLAGS]
+            flags = world.tables.message[row].flags
         frame_kernel.send(
             world.frames,
             world.tables,
@@ -217,7 +217,7 @@ def _hand_over(
     clock = world.clock
     frame = world.received[clock[RECEIVED]]
     frame.t_ns = entry.t_received
-    frame.ident = world.tables.message[row, codec.KEY]
+    frame.ident = world.tables.message[row].key
     frame.length = entry.length
     frame.forged = 1 if _forged(world, entry) else 0
     for byte in range(codec.MAX_PAYLOAD):
@@ -233,9 +233,9 @@ def _deliver(world: LoopMemory, network: bus.State, commands: NDArray[np.int64])
     for number in range(clock[LOG_CURSOR], total):
         entry = network.log[number % network.clock[bus.LOG_SIZE]]
         row = row_of(world.tables, _key(entry.ident, entry.flags))
-        if row < 0 or entry.flags & ~SENDER_STATE != world.tables.message[row, codec.FLAGS]:
+        if row < 0 or entry.flags & ~SENDER_STATE != world.tables.message[row].flags:
             continue
-        if entry.length != world.tables.message[row, codec.LENGTH]:
+        if entry.length != world.tables.message[row].length:
             continue
         role = world.roles[row]
         if (
@@ -309,7 +309,7 @@ def sense(world: LoopMemory, network: bus.State, number: int, now_ns: int) -> No
         payload[:] = 0
         for other in range(len(world.sensors.node)):
             row = world.sensors.node[other].message
-            if row < 0 or world.tables.message[row, codec.LEADER] != node.message:
+            if row < 0 or world.tables.message[row].leader != node.message:
                 continue
             if world.sensors.node[other].sensor == clock[STATE_NODE]:
                 held = sensor_kernel.node_fault(world.sensors, other, sensor_kernel.FROZEN, t_ns)
@@ -334,10 +334,10 @@ def sense(world: LoopMemory, network: bus.State, number: int, now_ns: int) -> No
                 node.bus_node,
                 node.message,
                 t_queued,
-                message[codec.IDENT],
-                message[codec.LENGTH],
+                message.ident,
+                message.length,
                 payload,
-                message[codec.FLAGS],
+                message.flags,
                 clock[SEED],
             )
         node.next += sensor_kernel.period(world.sensors, number, t_ns)

@@ -85,18 +85,18 @@ def _tables(profile: can_bus.BusProfile, command: str, actuator: str) -> Codec:
     tables = codec_tables.of_map(bus, own_frames.frame_signals(profile))
     for name, first, channels in actuator_setup.COMMANDS[actuator]:
         row = codec_tables.signal_index(name, first)
-        if name == command and not tables.field[row : row + channels, codec.PIECES].all():
+        if name == command and not tables.field[row : row + channels]["pieces"].all():
             missing = codec_tables.signal_names(name)
-            places = tables.field[row : row + channels, codec.PIECES]
+            places = tables.field[row : row + channels]["pieces"]
             absent = missing[missing.index(first) + int(np.argmin(places))]
             raise CanrollError(f"{profile.map_file}: no signal is mapped to {absent} of {name}")
     return tables
 
 
-def fd_keys(messages: NDArray[np.int64]) -> frozenset[int]:
+def fd_keys(messages: NDArray[Any]) -> frozenset[int]:
     """The CAN FD frames of a codec's ``message`` table, by key."""
-    fd = messages[messages[:, codec.FLAGS] & FD != 0]
-    return frozenset(int(key) for key in fd[:, codec.KEY])
+    fd = messages[messages["flags"] & FD != 0]
+    return frozenset(int(key) for key in fd["key"])
 
 
 def _sensors(  # noqa: PLR0917

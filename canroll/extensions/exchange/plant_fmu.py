@@ -120,7 +120,7 @@ def write(
     attackers = frames["clock"][frame_kernel.ATTACKER_AT_ECU :]
     if frames["fault"]["places"].any() or np.any(attackers >= 0):
         raise CanrollError("faults of frames act on the bus and are not part of the plant: omit it")
-    if np.any(parts.memory[0]["tables"]["protection"][:, e2e.METHOD] == e2e.OWN):
+    if np.any(parts.memory[0]["tables"]["protection"]["method"] == e2e.OWN):
         raise CanrollError(
             "the plant's FMU has no checksum by a function of the map: describe it by method and "
             "over, or leave it out"

@@ -12,7 +12,7 @@ from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.driving.driver import drive
 from plant_sim.kernels.instants import STEP_NS
-from plant_sim.nodes import actuator_kernel, codec, envelope, sensor_kernel
+from plant_sim.nodes import actuator_kernel, envelope, sensor_kernel
 from plant_sim.nodes.actuator_models import act
 from plant_sim.world import recording
 from plant_sim.world.world_kernel import FOR_ACTUATOR, PLANT_NS, SENDER_STATE, row_of, sense
@@ -99,9 +99,9 @@ def receive(  # noqa: PLR0917
 ) -> None:
     """Give a frame received at ``t_ns`` to the actuator node; see ``world_kernel``."""
     row = row_of(plant.tables, key)
-    if row < 0 or flags & ~SENDER_STATE != plant.tables.message[row, codec.FLAGS]:
+    if row < 0 or flags & ~SENDER_STATE != plant.tables.message[row].flags:
         return
-    if length != plant.tables.message[row, codec.LENGTH]:
+    if length != plant.tables.message[row].length:
         return
     monitor = plant.actuators.envelope
     if row == monitor.frame:

@@ -91,7 +91,7 @@ def test_the_simulated_sensor_splits_what_it_sends(car, angle):
     finer, module, tables = car
     payload = np.zeros(codec.MAX_PAYLOAD, np.uint8)
     row = codec_tables.signal_index("VehicleMotion", "SteeringWheelAngle")
-    codec.put_value(tables, tables.field[row, codec.FRAME], row, payload, angle)
+    codec.put_value(tables, tables.field[row]["frame"], row, payload, angle)
     values = STEER.decode(payload[:8].tobytes())
     assert values["ANGLE"] + values[finer] == pytest.approx(angle, abs=0.0501)
     assert steering(module, payload[:8].tobytes()) == pytest.approx(angle, abs=0.0501)

@@ -36,8 +36,8 @@ def raw_messages(draw):
         elif not signal.multiplexer_ids or page in signal.multiplexer_ids:
             row = TABLES.field[codec_tables.signal_index(message.name, signal.name)]
             raw[signal.name] = draw(
-                st.integers(int(row[codec.RAW_MIN]), int(row[codec.RAW_MAX]))
-                | st.sampled_from([int(row[codec.RAW_MIN]), int(row[codec.RAW_MAX])])
+                st.integers(int(row["raw_min"]), int(row["raw_max"]))
+                | st.sampled_from([int(row["raw_min"]), int(row["raw_max"])])
             )
     return message, raw
 
@@ -78,7 +78,7 @@ def test_rounds_to_nearest_and_clips_to_the_range_of_the_dbc(value, name):
 def test_what_is_out_of_range_never_becomes_an_error_code(steps):
     signal = dbc.load().get_message_by_name("Imu").get_signal_by_name("RollRate")
     row = codec_tables.signal_index("Imu", "RollRate")
-    top = int(TABLES.field[row, codec.RAW_MAX])
+    top = int(TABLES.field[row]["raw_max"])
     assert codec.raw_value(TABLES, row, signal.maximum + steps * signal.scale) == top
     assert codec.raw_value(TABLES, row, signal.minimum - steps * signal.scale) == -top
 
@@ -102,9 +102,9 @@ def test_insert_leaves_every_other_bit_alone():
 
 def test_tables_hold_every_message_of_the_dbc():
     rows = TABLES.message[: len(MESSAGES)]
-    assert [int(m[codec.IDENT]) for m in rows] == [m.frame_id for m in MESSAGES]
-    assert not TABLES.message[len(MESSAGES) :, codec.LENGTH].any()
-    placed = np.count_nonzero(TABLES.field[:, codec.PIECES])
+    assert [int(m["ident"]) for m in rows] == [m.frame_id for m in MESSAGES]
+    assert not TABLES.message[len(MESSAGES) :]["length"].any()
+    placed = np.count_nonzero(TABLES.field[:]["pieces"])
     assert placed == sum(len(m.signals) for m in MESSAGES)
 
 

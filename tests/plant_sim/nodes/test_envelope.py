@@ -30,7 +30,7 @@ def frame(count, acceleration, yaw_rate=0.0):
         "YawRate": yaw_rate,
     }
     codec.encode(TABLES, IMU, np.array(list(values.values())), payload)
-    e2e.protect(TABLES.protection[IMU], TABLES.terms[IMU], TABLES.crc[IMU], count, payload)
+    e2e.protect(TABLES.protection[IMU], count, payload)
     return payload
 
 

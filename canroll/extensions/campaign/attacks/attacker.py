@@ -66,8 +66,8 @@ class Ear:
     def leader(self, message: str) -> int:
         """Row of the frame that carries a message; -1: none does."""
         row = codec_tables.message_index(message)
-        on_bus = self.tables.message[row, codec.LENGTH] > 0
-        return int(self.tables.message[row, codec.LEADER]) if on_bus else -1
+        on_bus = self.tables.message[row]["length"] > 0
+        return int(self.tables.message[row]["leader"]) if on_bus else -1
 
     def heard(self, message: str) -> list[Heard]:
         """The new frames of a message."""
@@ -79,7 +79,7 @@ class Ear:
     ) -> NDArray[np.uint8]:
         """Put a value (SI units) of a signal in a payload, if the bus has it."""
         row = codec_tables.signal_index(message, signal)
-        if self.tables.field[row, codec.PIECES]:
+        if self.tables.field[row]["pieces"]:
             scaled = value * PER_UNIT.get(codec_tables.unit(message, signal), 1.0)
             codec.insert(self.tables, row, payload, codec.raw_value(self.tables, row, scaled))
         return payload
@@ -89,10 +89,10 @@ class Ear:
         payload = heard.payload.copy()
         for row, name in enumerate(NAMES):
             names = codec_tables.signal_names(name)
-            if self.tables.message[row, codec.LEADER] != heard.row or "SampleCounter" not in names:
+            if self.tables.message[row]["leader"] != heard.row or "SampleCounter" not in names:
                 continue
             at = codec_tables.signal_index(name, "SampleCounter")
-            if self.tables.field[at, codec.PIECES]:
+            if self.tables.field[at]["pieces"]:
                 count = codec.extract(self.tables, at, payload) + 1
                 codec.insert(self.tables, at, payload, count % SAMPLES)
         if self.secured:
@@ -109,14 +109,14 @@ class Ear:
     def finished(self, row: int, payload: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Give a payload the next counter and the right checksum of the end-to-end protection."""
         tables = self.tables
-        count = e2e.counter_of(tables.protection[row], tables.terms[row], payload) + 1
-        e2e.protect(tables.protection[row], tables.terms[row], tables.crc[row], count, payload)
+        count = e2e.counter_of(tables.protection[row], payload) + 1
+        e2e.protect(tables.protection[row], count, payload)
         return payload
 
     def forged(self, row: int, payload: NDArray[np.uint8], delay_ns: int = 0) -> Forged:
         """A frame of the right length and format."""
         message = self.tables.message[row]
-        length, flags = int(message[codec.LENGTH]), int(message[codec.FLAGS])
+        length, flags = int(message["length"]), int(message["flags"])
         return Forged(row, length, flags, payload, delay_ns)
 
 
@@ -181,7 +181,7 @@ class AttackedWorld(World):
         row = row_of(self.ear.tables, key)
         if (
             row < 0
-            or flags != self.ear.tables.message[row, codec.FLAGS]
+            or flags != self.ear.tables.message[row]["flags"]
             or entry["outcome"] != can_bus.DELIVERED
             or int(entry["sender"]) in self._nodes
         ):
@@ -193,7 +193,7 @@ class AttackedWorld(World):
 
     def inject(self, frame: Forged) -> None:
         """Queue a frame at the attacker's nodes."""
-        ident = int(self.ear.tables.message[frame.row, codec.IDENT])
+        ident = int(self.ear.tables.message[frame.row]["ident"])
         for node in self._senders:
             can_bus.enqueue(
                 self.network,

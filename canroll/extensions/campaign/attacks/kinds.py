@@ -8,7 +8,7 @@ from typing import Concatenate, ParamSpec
 from canroll.extensions.campaign.attacks.attacker import Ear, Forge, Forged, Heard
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
 from plant_sim.kernels.instants import MS
-from plant_sim.nodes import authentication, codec
+from plant_sim.nodes import authentication
 from plant_sim.nodes.actuators import command_signals
 
 START_NS = 2_000 * MS
@@ -162,7 +162,7 @@ def disguise(ear: Ear, heard: Heard) -> Iterator[Forged]:
 @answering
 def resize(ear: Ear, heard: Heard, lengths: tuple[int, ...]) -> Iterator[Forged]:
     """Answer each frame with one of another length."""
-    flags = int(ear.tables.message[heard.row, codec.FLAGS])
+    flags = int(ear.tables.message[heard.row]["flags"])
     payload = ear.finished(heard.row, ear.following(heard))
     fit = [n for n in lengths if n != heard.length and (n <= 8 or flags & FD)]
     length = fit[int(ear.random.integers(len(fit)))]

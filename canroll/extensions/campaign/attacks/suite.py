@@ -88,14 +88,12 @@ class Gate:
     def _in_sequence(self, ident: int, payload: Payload) -> bool:
         tables = self._tables
         row = row_of(tables, ident)
-        if len(payload) != tables.message[row, codec.LENGTH]:
+        if len(payload) != tables.message[row]["length"]:
             return False
         status = e2e.check(
             self._receivers[row],
             e2e.Supervision(),
             tables.protection[row],
-            tables.terms[row],
-            tables.crc[row],
             np.resize(np.frombuffer(bytes(payload), np.uint8), codec.MAX_PAYLOAD),
         )
         return bool(status <= e2e.INITIAL)

@@ -29,10 +29,10 @@ def heard(ear, message, count=5, auth=None, payload=None):
     if payload is not None:
         frame[: len(payload)] = payload
     tables = ear.tables
-    e2e.protect(tables.protection[row], tables.terms[row], tables.crc[row], count, frame)
+    e2e.protect(tables.protection[row], count, frame)
     if auth is not None:
         authentication.protect(auth, tables, row, frame, False)
-    length, flags = tables.message[row, [codec.LENGTH, codec.FLAGS]]
+    length, flags = tables.message[row]["length"], tables.message[row]["flags"]
     found = Heard(ear.now_ns, row, int(length), int(flags), frame)
     ear.new = [found]
     ear.all = [*ear.all, found]
@@ -45,7 +45,7 @@ def sent(forge, ear):
 
 def intact(ear, forged):
     row, tables = forged.row, ear.tables
-    return e2e.intact(tables.protection[row], tables.terms[row], tables.crc[row], forged.payload)
+    return e2e.intact(tables.protection[row], forged.payload)
 
 
 @pytest.mark.parametrize("tables", [PLAIN, SECURED], ids=["plain", "secured"])
