@@ -7,7 +7,7 @@ frame carries the freshness value and the first 48 bits of the MAC.
 
 from collections.abc import Sequence
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,25 +23,24 @@ LISTENING_NS = 160_000_000
 """Time after a start for which no frame is taken: the longest between two commands."""
 STARTS_MAX = 16
 
-# Slots of Authentication.flag.
-ENABLED, REFUSED, STARTED_NS, N_FLAGS = range(4)
-# Columns of Authentication.sent and heard.
-STARTS, COUNT = range(2)
+FLAG = np.dtype([(name, "i8") for name in ("enabled", "refused", "started_ns")])
+FRESHNESS = np.dtype([("starts", "i8"), ("count", "i8")])
+"""Starts of a sender, and number of its next or last frame."""
 
 
 class NodeAuthentication(NamedTuple):
     """Keys and freshness values of the plant's nodes.
 
-    ``sent`` and ``heard`` (messages, 2): starts of the sender, and number of the next or last
-    frame. ``start_ns``: when the actuator node, the receiver here, restarts.
+    ``sent`` and ``heard`` (messages): :data:`FRESHNESS`. ``start_ns``: when the actuator node, the
+    receiver here, restarts.
     """
 
-    flag: NDArray[np.int64]
+    flag: Any
     sbox: NDArray[np.int64]
     round_key: NDArray[np.int64]
     subkey: NDArray[np.int64]
-    sent: NDArray[np.int64]
-    heard: NDArray[np.int64]
+    sent: NDArray[Any]
+    heard: NDArray[Any]
     start_ns: NDArray[np.int64]
     block: NDArray[np.int64]
     mixed: NDArray[np.int64]
@@ -101,15 +100,14 @@ def build(
         heard_starts: last known start of each message's sender, by default none.
     """
     sbox = _sbox()
-    flag = np.zeros(N_FLAGS, np.int64)
-    flag[ENABLED] = key is not None
+    flag = np.zeros(1, FLAG)[0]
+    flag["enabled"] = key is not None
     later = np.full(STARTS_MAX, NEVER, np.int64)
     later[: len(start_ns)] = sorted(start_ns)[:STARTS_MAX]
-    heard = np.zeros((rows, 2), np.int64)
-    heard[:, COUNT] = -1
-    heard[: len(heard_starts), STARTS] = heard_starts
-    sent = np.zeros((rows, 2), np.int64)
-    sent[:, STARTS] = starts - 1
+    heard, sent = np.zeros(rows, FRESHNESS), np.zeros(rows, FRESHNESS)
+    heard["count"] = -1
+    heard["starts"][: len(heard_starts)] = heard_starts
+    sent["starts"] = starts - 1
     node = NodeAuthentication(
         flag=flag,
         sbox=np.array(sbox, np.int64),
@@ -170,14 +168,14 @@ def protect(
     auth: NodeAuthentication, tables: Codec, row: int, payload: NDArray[np.uint8], first: bool
 ) -> None:
     """Finish a frame of message ``row``; ``first``: the first one since its node has started."""
-    if auth.flag[ENABLED] == 0:
+    if auth.flag.enabled == 0:
         return
     state = auth.sent[row]
-    if first or state[COUNT] == COUNTS - 1:
-        state[STARTS] += 1
-        state[COUNT] = 0
-    starts, count = state[STARTS], state[COUNT]
-    state[COUNT] += 1
+    if first or state.count == COUNTS - 1:
+        state.starts += 1
+        state.count = 0
+    starts, count = state.starts, state.count
+    state.count += 1
     for k in range(3):
         payload[STARTS_AT + k] = (starts >> (16 - 8 * k)) & 255
         payload[COUNT_AT + k] = (count >> (16 - 8 * k)) & 255
@@ -189,7 +187,7 @@ def protect(
 @njit
 def pretend(auth: NodeAuthentication, payload: NDArray[np.uint8]) -> None:
     """Increment the freshness counter, as an attacker without the key would: the MAC stays."""
-    if auth.flag[ENABLED] == 0:
+    if auth.flag.enabled == 0:
         return
     for k in (2, 1, 0):
         value = (int(payload[COUNT_AT + k]) + 1) & 255
@@ -203,10 +201,10 @@ def _start_anew(auth: NodeAuthentication, t_ns: int) -> None:
     """Forget what was heard before the newest start of the node; the senders' starts last."""
     for number in range(STARTS_MAX):
         start = auth.start_ns[number]
-        if auth.flag[STARTED_NS] < start <= t_ns:
-            auth.flag[STARTED_NS] = start
+        if auth.flag.started_ns < start <= t_ns:
+            auth.flag.started_ns = start
             for row in range(len(auth.heard)):
-                auth.heard[row, COUNT] = -1
+                auth.heard[row].count = -1
 
 
 @njit
@@ -214,7 +212,7 @@ def verify(
     auth: NodeAuthentication, tables: Codec, row: int, payload: NDArray[np.uint8], t_ns: int
 ) -> bool:
     """Whether a frame received at ``t_ns`` is authentic, new, and to be taken."""
-    if auth.flag[ENABLED] == 0:
+    if auth.flag.enabled == 0:
         return True
     _start_anew(auth, t_ns)
     state = auth.heard[row]
@@ -222,7 +220,7 @@ def verify(
     for k in range(3):
         starts = starts * 256 + int(payload[STARTS_AT + k])
         count = count * 256 + int(payload[COUNT_AT + k])
-    good = starts > state[STARTS] or (starts == state[STARTS] and count > state[COUNT])
+    good = starts > state.starts or (starts == state.starts and count > state.count)
     if count >= COUNTS - 1:
         good = False
     if good:
@@ -231,8 +229,8 @@ def verify(
             if auth.block[k] != int(payload[MAC_AT + k]):
                 good = False
     if not good:
-        auth.flag[REFUSED] += 1
+        auth.flag.refused += 1
         return False
-    state[STARTS] = starts
-    state[COUNT] = count
-    return bool(t_ns - auth.flag[STARTED_NS] >= LISTENING_NS)
+    state.starts = starts
+    state.count = count
+    return bool(t_ns - auth.flag.started_ns >= LISTENING_NS)

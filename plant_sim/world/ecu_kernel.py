@@ -15,7 +15,7 @@ from plant_sim.bodies import ports
 from plant_sim.kernels.instants import STEP_NS
 from plant_sim.kernels.jit import borrowed, function_at, njit
 from plant_sim.nodes.codec import MAX_PAYLOAD
-from plant_sim.world.world_kernel import OUTBOX, ROWS, LoopMemory, Parts, advance
+from plant_sim.world.world_kernel import LoopMemory, Parts, advance
 
 MAILBOXES = 256
 """Room for the mailboxes of either direction."""
@@ -101,14 +101,14 @@ def _send(firmware: Firmware, world: LoopMemory, image: NDArray[np.uint8], t_ns:
         length = firmware.sent_length[slot]
         if length == 0:
             continue
-        frame = world.outbox[clock[OUTBOX]]
+        frame = world.outbox[clock.outbox]
         frame.t_ns = t_ns
         frame.ident = firmware.sent_key[slot]
         frame.length = length
         first = firmware.payloads_at + slot * firmware.payload_size
         for byte in range(length):
             frame.payload[byte] = image[first + byte]
-        clock[OUTBOX] += 1
+        clock.outbox += 1
 
 
 @njit
@@ -133,7 +133,7 @@ def run(parts: Parts, ecu: Connection, ticks: TickSpan, images: NDArray[np.uint8
     while (
         done < len(kept)
         and world.outputs[ports.ROLLOVER] == 0.0
-        and world.clock[ROWS] <= room
+        and world.clock.rows <= room
         and network.clock[bus.LOGGED] <= ticks.stop_logged
     ):
         t_ns += ticks.period_ns

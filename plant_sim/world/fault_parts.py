@@ -1,6 +1,7 @@
 """Faults of nodes, of the bus and of its frames, and attackers, as the parts of a world."""
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,6 @@ from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.sensor_kernel import SensorTables
 from plant_sim.nodes.sensors import PER_UNIT
 from plant_sim.world import frame_kernel
-from plant_sim.world.frame_kernel import FrameFaults
 
 FLOOD_IDENT, FLOOD_LENGTH = 0x000, 8
 FLOOD_BITS = 44 + 8 * FLOOD_LENGTH + 13 + INTERFRAME_BITS
@@ -117,8 +117,8 @@ def _ns(time: float) -> int:
 
 def frames(
     faults: Iterable[Fault], tables: Codec, nodes: SensorTables, network: can_bus.Network
-) -> FrameFaults:
-    """Return the faults of our frames, with an attacker on the bus where one is needed.
+) -> Any:  # noqa: ANN401
+    """Return the FRAME_STATE of our frames, with an attacker on the bus where one is needed.
 
     Raises:
         CanrollError: too many, or of a message or signal that this bus does not have.
@@ -130,23 +130,21 @@ def frames(
         and kinds.PLACES[fault.where] in (kinds.MESSAGE, kinds.BUS, kinds.ATTACKER)
     ]
     rows: list[tuple[float, ...]] = []
-    signals: list[NDArray[np.int64]] = []
-    clock = np.full(frame_kernel.N_CLOCK, -1, dtype=np.int64)
-    clock[frame_kernel.DRAWN] = 0
+    state = np.zeros(1, frame_kernel.FRAME_STATE)[0]
+    state["signal"] = state["attacker_at_ecu"] = state["attacker_at_actuator"] = -1
     for fault in chosen:
-        places, ours = _target(fault, tables, nodes)
-        signals.append(ours)
+        places, signals = _target(fault, tables, nodes)
+        state["signal"][len(rows) : len(rows) + 1] = signals
         value = fault.value
         if kinds.PLACES[fault.where] == kinds.ATTACKER:
             message, _, signal = fault.where.removeprefix(kinds.ATTACKER_PREFIX).partition(".")
             if signal:
                 value *= PER_UNIT[codec_tables.unit(message, signal)]
-            add_attackers(clock, network)
+            add_attackers(state, network)
         kind = frame_kernel.FRAME_FAULTS.index(fault.kind)
         rows.append(schedule.row(places, kind, fault, f"fault '{fault}'", value))
-    table = schedule.table(frame_kernel.FAULTS, rows, "bus: at most {} faults of frames")
-    signals += [np.full(2, -1)] * (len(table) - len(signals))
-    return FrameFaults(table, np.array(signals), clock)
+    state["fault"] = schedule.table(frame_kernel.FAULTS, rows, "bus: at most {} faults of frames")
+    return state
 
 
 def _target(fault: Fault, tables: Codec, nodes: SensorTables) -> tuple[int, NDArray[np.int64]]:
@@ -174,14 +172,14 @@ def _target(fault: Fault, tables: Codec, nodes: SensorTables) -> tuple[int, NDAr
     return 1 << row, places
 
 
-def add_attackers(clock: NDArray[np.int64], network: can_bus.Network) -> None:
+def add_attackers(frames: Any, network: can_bus.Network) -> None:  # noqa: ANN401
     """Put an attacker on the ECU's segment and one on the actuators', once."""
-    if clock[frame_kernel.ATTACKER_AT_ECU] >= 0:
+    if frames["attacker_at_ecu"] >= 0:
         return
     segments: Sequence[int] = network.nodes["segment"].tolist()
-    for slot, node in (
-        (frame_kernel.ATTACKER_AT_ECU, can_bus.ECU),
-        (frame_kernel.ATTACKER_AT_ACTUATOR, can_bus.ACTUATOR),
+    for name, node in (
+        ("attacker_at_ecu", can_bus.ECU),
+        ("attacker_at_actuator", can_bus.ACTUATOR),
     ):
         attacker = can_bus.Node("Attacker", segments[node], policy="fifo")
-        clock[slot] = can_bus.add_node(network, attacker)
+        frames[name] = can_bus.add_node(network, attacker)

@@ -6,7 +6,7 @@ checksum and the next counters, so that the next genuine frame looks repeated. I
 MAC is that of the genuine frame.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from plant_sim import can_bus as bus
 from plant_sim.kernels import schedule
 from plant_sim.kernels.jit import njit
 from plant_sim.kernels.random import Stream, uniform
-from plant_sim.kernels.schedule import Faults
 from plant_sim.nodes import authentication, codec, e2e
 from plant_sim.nodes.authentication import NodeAuthentication
 from plant_sim.nodes.codec import Codec
@@ -32,19 +31,17 @@ LATER_NS = 1_000_000
 CYCLES_LATE = 1.5
 SHORTEST_CYCLE_NS = 10_000_000
 """Delay of a reordered frame, in its cycle times: the next one overtakes it."""
-# Slots of Frames.clock.
-DRAWN, ATTACKER_AT_ECU, ATTACKER_AT_ACTUATOR, N_CLOCK = range(4)
+FRAME_STATE = np.dtype(
+    [
+        ("fault", schedule.FAULT, (FAULTS,)),
+        ("signal", "i8", (FAULTS, 2)),
+        *((name, "i8") for name in ("drawn", "attacker_at_ecu", "attacker_at_actuator")),
+    ]
+)
+"""Faults of frames, random numbers drawn, and the attackers' nodes, -1: none.
 
-
-class FrameFaults(NamedTuple):
-    """Faults of frames: rows of :mod:`plant_sim.kernels.schedule`, and signals.
-
-    ``signal`` (FAULTS, 2): rows of a spoofed signal and of the sample counter, -1: none.
-    """
-
-    fault: Faults
-    signal: NDArray[np.int64]
-    clock: NDArray[np.int64]
+``signal``: rows of a spoofed signal and of the sample counter, -1: none.
+"""
 
 
 @njit
@@ -52,8 +49,8 @@ def _happens(frames: Any, kind: int, row: int, t_ns: int, seed: int) -> bool:  #
     share = schedule.most(frames.fault, kind, 1 << row, t_ns)
     if share <= 0.0:
         return False
-    frames.clock[DRAWN] += 1
-    return bool(uniform(seed, Stream.FRAME_FAULT + kind, frames.clock[DRAWN]) < share)
+    frames.drawn += 1
+    return bool(uniform(seed, Stream.FRAME_FAULT + kind, frames.drawn) < share)
 
 
 @njit
@@ -100,7 +97,7 @@ def damage(  # noqa: PLR0917
 ) -> None:
     """Invert one bit of a received payload where a fault does so."""
     if frames.fault[0].places and length > 0 and _happens(frames, CORRUPTION, row, t_ns, seed):
-        draw = uniform(seed, Stream.FRAME_FAULT + FAULTS, frames.clock[DRAWN])
+        draw = uniform(seed, Stream.FRAME_FAULT + FAULTS, frames.drawn)
         bit = int(draw * 8 * length)
         payload[bit // 8] = int(payload[bit // 8]) ^ (1 << (bit % 8))
 

@@ -50,17 +50,8 @@ NAMES = ("time", *SIGNALS)
 
 _UNITS = {name: port.unit for port in PORTS for name in port.slots}
 
-# Columns of a row of applied commands.
-SAMPLED, SUBMITTED, RECEIVED, APPLIED, COUNTER, N_COMMAND = range(6)
-
 COMMAND = np.dtype(
-    [
-        ("t_sample", "i8"),
-        ("t_submitted", "i8"),
-        ("t_received", "i8"),
-        ("t_applied", "i8"),
-        ("counter", "i8"),
-    ]
+    [(name, "i8") for name in ("t_sample", "t_submitted", "t_received", "t_applied", "counter")]
 )
 """One applied command, instants in ns; ``t_sample`` is -1 before the first sample."""
 

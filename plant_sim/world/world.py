@@ -21,7 +21,6 @@ from plant_sim.faults.effects import with_faults
 from plant_sim.kernels.instants import STEP_NS
 from plant_sim.kernels.jit import compiling, is_cached
 from plant_sim.kernels.records import entry, type_of
-from plant_sim.nodes import authentication
 from plant_sim.nodes.actuators import ActuatorOptions
 from plant_sim.nodes.codec import MAX_PAYLOAD
 from plant_sim.nodes.codec_tables import message_index
@@ -31,13 +30,9 @@ from plant_sim.world.ecu_kernel import Connection, TickSpan, run
 from plant_sim.world.recording import EVERYTHING, Kept
 from plant_sim.world.spool import Columns, Rows
 from plant_sim.world.world_kernel import (
-    APPLIED_COMMANDS,
     EXTENDED_KEY,
     FOR_ACTUATOR,
-    FORGED,
     FRAME,
-    OUTBOX,
-    ROWS,
     Parts,
     advance,
     second_half,
@@ -144,8 +139,8 @@ class World:
             seed=seed,
         )
         memory = self._parts.memory[0]
+        self._clock = memory["clock"]
         # Single integers are read and written faster through buffers than through arrays.
-        self._clock = memory["clock"].data
         self._bus_clock = self._parts.network.clock.data
         self._outbox: NDArray[Any] = memory["outbox"]
         self._imu = memory["tables"]["message"][message_index("Imu")]
@@ -173,7 +168,7 @@ class World:
     @property
     def room(self) -> int:
         """Number of frames that can still be submitted before the next ``advance``."""
-        return len(self._outbox) - int(self._clock[OUTBOX])
+        return len(self._outbox) - int(self._clock["outbox"])
 
     def submit(self, t_ns: int, ident: int, payload: bytes) -> None:
         """Queue a frame at the ECU at ``t_ns`` (ns), not before the last ``advance``'s end.
@@ -185,13 +180,13 @@ class World:
                 f"frame 0x{ident:X} submitted at {t_ns} ns, in the past of the world"
             )
         self.check_frame(ident, len(payload))
-        count = self._clock[OUTBOX]
+        count = int(self._clock["outbox"])
         if not self.room:
             raise CanrollError(f"more than {len(self._outbox)} frames submitted in one tick")
         out = self._outbox[count]
         out["t_ns"], out["ident"], out["length"] = t_ns, ident, len(payload)
         out["payload"][: len(payload)] = np.frombuffer(payload, np.uint8)
-        self._clock[OUTBOX] = count + 1
+        self._clock["outbox"] = count + 1
 
     def check_frame(self, ident: int, length: int) -> None:
         """Refuse a frame that the ECU cannot send on this bus."""
@@ -300,24 +295,24 @@ class World:
     @property
     def refused(self) -> int:
         """Frames that the actuator node's authentication has refused."""
-        return int(self._parts.memory[0]["authentication"]["flag"][authentication.REFUSED])
+        return int(self._parts.memory[0]["authentication"]["flag"]["refused"])
 
     @property
     def starts(self) -> int:
         """Starts of the vehicle's nodes so far, by their authenticated frames."""
-        return int(self._parts.memory[0]["authentication"]["sent"][:, authentication.STARTS].max())
+        return int(self._parts.memory[0]["authentication"]["sent"]["starts"].max())
 
     @property
     def ecu_starts(self) -> int:
         """Last start of the ECU that the actuator node knows of, by its authenticated frames."""
         memory = self._parts.memory[0]
-        heard = memory["authentication"]["heard"][:, authentication.STARTS]
+        heard = memory["authentication"]["heard"]["starts"]
         return int(heard[memory["roles"] == FOR_ACTUATOR].max(initial=0))
 
     @property
     def forged(self) -> int:
         """Frames of attackers that the actuator node has accepted."""
-        return int(self._clock[FORGED])
+        return int(self._clock["forged"])
 
     @property
     def network(self) -> can_bus.Network:
@@ -341,22 +336,22 @@ class World:
         """Take log and record out of the kernel's memory before they are full."""
         if self._bus_clock[can_bus.LOGGED] - self._drained > world_parts.LOG_CAPACITY // 2:
             self._drain()
-        if self._clock[ROWS] >= world_parts.RECORD_CAPACITY - CHUNK_NS // STEP_NS:
+        if self._clock["rows"] >= world_parts.RECORD_CAPACITY - CHUNK_NS // STEP_NS:
             self._take_record()
 
     def _take_record(self) -> None:
         """Move what the kernel has recorded to the tables of the run."""
-        steps, applied = self._clock[ROWS], self._clock[APPLIED_COMMANDS]
+        steps, applied = self._clock["rows"], self._clock["applied_commands"]
         times = np.arange(self._steps + 1, self._steps + steps + 1) * (STEP_NS * 1e-9)
         self._signals.append(
             recording.signal_block(self._parts.rows[:steps], times, self._kept.signals)
         )
         commands = self._parts.commands
-        self._commands.append(commands[:applied].view(recording.COMMAND)[:, 0])
+        self._commands.append(commands[:applied])
         # the next one may be accepted already, and waits for the step that applies it
         commands[0] = commands[applied]
         self._steps += steps
-        self._clock[ROWS] = self._clock[APPLIED_COMMANDS] = 0
+        self._clock["rows"] = self._clock["applied_commands"] = 0
 
     def _drain(self) -> None:
         if not self._kept.frames:

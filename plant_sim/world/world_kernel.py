@@ -23,7 +23,6 @@ from plant_sim.nodes.authentication import NodeAuthentication
 from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.sensor_kernel import SensorTables
 from plant_sim.world import frame_kernel, recording
-from plant_sim.world.frame_kernel import FrameFaults
 
 FRAME = np.dtype(
     [
@@ -37,28 +36,19 @@ FRAME = np.dtype(
 """A frame that the ECU receives or sends at ``t_ns``; bit 30 of ``ident``: one of 29 bits;
 ``forged``: an attacker sent it."""
 
-# Slots of Memory.clock.
-(
-    PLANT_NS,
-    ROWS,
-    LOG_CURSOR,
-    RECEIVED,
-    OUTBOX,
-    SUBMISSIONS,
-    APPLIED_COMMANDS,
-    PENDING,
-    IMU_SAMPLE,
-    IMU_LATENCY,
-    ECU_SEGMENT,
-    ACTUATOR_SEGMENT,
-    SEED,
-    STATE_NODE,
-    STEP,
-    STATES,
-    PARAMETERS,
-    FORGED,
-    N_CLOCK,
-) = range(19)
+CLOCK = np.dtype(
+    [
+        *((name, "i8") for name in ("plant_ns", "rows", "log_cursor", "received", "outbox")),
+        *((name, "i8") for name in ("submissions", "applied_commands", "pending", "forged")),
+        *((name, "i8") for name in ("imu_sample", "imu_latency", "ecu_segment")),
+        *((name, "i8") for name in ("actuator_segment", "seed", "state_node")),
+        *((name, "i8") for name in ("step", "states", "parameters")),
+    ]
+)
+"""How far the loop is, then what stays.
+
+``states`` and ``parameters`` count those of the body in use, ``step`` is the address of its step.
+"""
 NOTHING = -1
 SENDER_STATE = ERROR_STATE | RECESSIVE_INDICATOR
 """Flags that say nothing of what a frame is."""
@@ -67,18 +57,17 @@ SENDER_STATE = ERROR_STATE | RECESSIVE_INDICATOR
 NOBODY, FOR_ACTUATOR, FOR_ECU, FOR_ECU_IMU = range(4)
 EXTENDED_KEY = 1 << 30
 
-# Columns of Memory.flight (commands on their way, a ring).
-FLIGHT_SUBMITTED, FLIGHT_SAMPLE, N_FLIGHT = range(3)
+FLIGHT = np.dtype([("t_submitted", "i8"), ("t_sample", "i8")])
+"""A command on its way, in a ring."""
 
 
 class LoopMemory(NamedTuple):
     """State of the loop besides driver and bus; becomes one record.
 
-    ``state`` and ``parameters`` have room for every body's; ``STATES`` and ``PARAMETERS`` count
-    those in use, ``STEP`` is the address of the body's step.
+    ``state`` and ``parameters`` have room for every body's.
     """
 
-    clock: NDArray[np.int64]
+    clock: Any
     state: NDArray[np.float64]
     inputs: NDArray[np.float64]
     parameters: NDArray[np.float64]
@@ -86,9 +75,9 @@ class LoopMemory(NamedTuple):
     received: NDArray[Any]
     payload: NDArray[np.uint8]
     outbox: NDArray[Any]
-    flight: NDArray[np.int64]
+    flight: NDArray[Any]
     roles: NDArray[np.uint8]
-    frames: FrameFaults
+    frames: Any
     sensors: SensorTables
     actuators: ActuatorNode
     authentication: NodeAuthentication
@@ -103,7 +92,7 @@ class Parts(NamedTuple):
 
     memory: NDArray[Any]
     rows: NDArray[np.float64]
-    commands: NDArray[np.int64]
+    commands: NDArray[Any]
     drive: DriveInputs
     network: bus.Network
 
@@ -126,7 +115,7 @@ def _key(ident: int, flags: int) -> int:
 def _post(world: LoopMemory, network: bus.State) -> None:
     """Queue the frames submitted by the ECU, and record the newest sample each command can use."""
     clock = world.clock
-    for k in range(clock[OUTBOX]):
+    for k in range(clock.outbox):
         out = world.outbox[k]
         key = int(out.ident)
         row = row_of(world.tables, key)
@@ -144,37 +133,37 @@ def _post(world: LoopMemory, network: bus.State) -> None:
             int(out.length),
             out.payload,
             flags,
-            clock[SEED],
+            clock.seed,
         )
         if row >= 0 and world.roles[row] == FOR_ACTUATOR:
-            flight = world.flight[clock[SUBMISSIONS] % len(world.flight)]
-            flight[FLIGHT_SUBMITTED] = out.t_ns
-            flight[FLIGHT_SAMPLE] = clock[IMU_SAMPLE]
-            clock[SUBMISSIONS] += 1
-    clock[OUTBOX] = 0
+            flight = world.flight[clock.submissions % len(world.flight)]
+            flight.t_submitted = out.t_ns
+            flight.t_sample = clock.imu_sample
+            clock.submissions += 1
+    clock.outbox = 0
 
 
 @njit
-def _accepted(world: LoopMemory, row: NDArray[np.int64], t_origin: int, t_received: int) -> None:
+def _accepted(world: LoopMemory, row: Any, t_origin: int, t_received: int) -> None:  # noqa: ANN401
     """Record a command that the actuators will apply in the next step."""
     clock = world.clock
-    row[recording.SAMPLED] = NOTHING
-    for back in range(1, min(clock[SUBMISSIONS], len(world.flight)) + 1):
-        flight = world.flight[(clock[SUBMISSIONS] - back) % len(world.flight)]
-        if flight[FLIGHT_SUBMITTED] == t_origin:
-            row[recording.SAMPLED] = flight[FLIGHT_SAMPLE]
+    row.t_sample = NOTHING
+    for back in range(1, min(clock.submissions, len(world.flight)) + 1):
+        flight = world.flight[(clock.submissions - back) % len(world.flight)]
+        if flight.t_submitted == t_origin:
+            row.t_sample = flight.t_sample
             break
-    row[recording.SUBMITTED] = t_origin
-    row[recording.RECEIVED] = t_received
-    row[recording.COUNTER] = world.actuators.counter
-    clock[PENDING] = 1
+    row.t_submitted = t_origin
+    row.t_received = t_received
+    row.counter = world.actuators.counter
+    clock.pending = 1
 
 
 @njit
 def _forged(world: LoopMemory, entry: Any) -> bool:  # noqa: ANN401
     """Whether an attacker has sent a frame."""
-    at_ecu = world.frames.clock[frame_kernel.ATTACKER_AT_ECU]
-    at_actuator = world.frames.clock[frame_kernel.ATTACKER_AT_ACTUATOR]
+    at_ecu = world.frames.attacker_at_ecu
+    at_actuator = world.frames.attacker_at_actuator
     return bool(at_ecu >= 0 and entry.sender in (at_ecu, at_actuator))
 
 
@@ -184,7 +173,7 @@ def _take(
     row: int,
     entry: Any,  # noqa: ANN401
     payload: NDArray[np.uint8],
-    commands: NDArray[np.int64],
+    commands: NDArray[Any],
 ) -> None:
     """Pass a frame of message ``row`` with ``payload`` to its receiver."""
     clock = world.clock
@@ -197,13 +186,13 @@ def _take(
             return
         if actuator_kernel.receive(world.actuators, world.tables, which, payload, entry.t_received):
             if _forged(world, entry):
-                clock[FORGED] += 1
-            applied = commands[clock[APPLIED_COMMANDS]]
+                clock.forged += 1
+            applied = commands[clock.applied_commands]
             _accepted(world, applied, entry.t_origin, entry.t_received)
         return
     _hand_over(world, row, entry, payload)
     if role == FOR_ECU_IMU:
-        clock[IMU_SAMPLE] = entry.t_origin - clock[IMU_LATENCY]
+        clock.imu_sample = entry.t_origin - clock.imu_latency
 
 
 @njit
@@ -215,22 +204,22 @@ def _hand_over(
 ) -> None:
     """Pass a frame of message ``row`` with ``payload`` to the ECU."""
     clock = world.clock
-    frame = world.received[clock[RECEIVED]]
+    frame = world.received[clock.received]
     frame.t_ns = entry.t_received
     frame.ident = world.tables.message[row].key
     frame.length = entry.length
     frame.forged = 1 if _forged(world, entry) else 0
     for byte in range(codec.MAX_PAYLOAD):
         frame.payload[byte] = payload[byte]
-    clock[RECEIVED] += 1
+    clock.received += 1
 
 
 @njit
-def _deliver(world: LoopMemory, network: bus.State, commands: NDArray[np.int64]) -> None:
+def _deliver(world: LoopMemory, network: bus.State, commands: NDArray[Any]) -> None:
     """Pass frames delivered by the bus since the last call to the actuators and the ECU."""
     clock = world.clock
     total = network.clock[bus.LOGGED]
-    for number in range(clock[LOG_CURSOR], total):
+    for number in range(clock.log_cursor, total):
         entry = network.log[number % network.clock[bus.LOG_SIZE]]
         row = row_of(world.tables, _key(entry.ident, entry.flags))
         if row < 0 or entry.flags & ~SENDER_STATE != world.tables.message[row].flags:
@@ -241,7 +230,7 @@ def _deliver(world: LoopMemory, network: bus.State, commands: NDArray[np.int64])
         if (
             role == FOR_ACTUATOR
             and entry.sender != bus.ECU
-            and entry.segment == clock[ECU_SEGMENT]
+            and entry.segment == clock.ecu_segment
             and bus.took(entry.outcome, entry.missed, bus.ECU)
             and bus.hears(network, bus.ECU, entry.t_received)
         ):
@@ -250,7 +239,7 @@ def _deliver(world: LoopMemory, network: bus.State, commands: NDArray[np.int64])
         monitor = world.actuators.envelope
         if (
             row == monitor.frame
-            and entry.segment == clock[ACTUATOR_SEGMENT]
+            and entry.segment == clock.actuator_segment
             and bus.took(entry.outcome, entry.missed, bus.ACTUATOR)
             and bus.hears(network, bus.ACTUATOR, entry.t_received)
         ):
@@ -260,17 +249,17 @@ def _deliver(world: LoopMemory, network: bus.State, commands: NDArray[np.int64])
             ):
                 envelope.hear(monitor, world.tables, supervision, entry.payload, entry.t_received)
                 if _forged(world, entry):
-                    clock[FORGED] += 1
+                    clock.forged += 1
         receiver = bus.ACTUATOR if role == FOR_ACTUATOR else bus.ECU
         if role == NOBODY or not bus.took(entry.outcome, entry.missed, receiver):
             continue
-        segment = clock[ACTUATOR_SEGMENT if role == FOR_ACTUATOR else ECU_SEGMENT]
+        segment = clock.actuator_segment if role == FOR_ACTUATOR else clock.ecu_segment
         if entry.segment != segment:
             continue
         frames = world.frames
-        at_ecu = frames.clock[frame_kernel.ATTACKER_AT_ECU]
+        at_ecu = frames.attacker_at_ecu
         if at_ecu >= 0 and not _forged(world, entry):
-            at_actuator = frames.clock[frame_kernel.ATTACKER_AT_ACTUATOR]
+            at_actuator = frames.attacker_at_actuator
             attacker = at_actuator if role == FOR_ACTUATOR else at_ecu
             frame_kernel.attack(
                 frames,
@@ -284,7 +273,7 @@ def _deliver(world: LoopMemory, network: bus.State, commands: NDArray[np.int64])
             )
         if not bus.hears(network, receiver, entry.t_received):
             continue
-        if frame_kernel.lost(frames, row, entry.t_received, clock[SEED]):
+        if frame_kernel.lost(frames, row, entry.t_received, clock.seed):
             continue
         if frames.fault[0].places == 0:
             _take(world, row, entry, entry.payload, commands)
@@ -292,9 +281,9 @@ def _deliver(world: LoopMemory, network: bus.State, commands: NDArray[np.int64])
         payload = world.payload
         for byte in range(codec.MAX_PAYLOAD):
             payload[byte] = entry.payload[byte] if byte < entry.length else 0
-        frame_kernel.damage(frames, row, entry.t_received, entry.length, payload, clock[SEED])
+        frame_kernel.damage(frames, row, entry.t_received, entry.length, payload, clock.seed)
         _take(world, row, entry, payload, commands)
-    clock[LOG_CURSOR] = total
+    clock.log_cursor = total
 
 
 @njit
@@ -311,11 +300,11 @@ def sense(world: LoopMemory, network: bus.State, number: int, now_ns: int) -> No
             row = world.sensors.node[other].message
             if row < 0 or world.tables.message[row].leader != node.message:
                 continue
-            if world.sensors.node[other].sensor == clock[STATE_NODE]:
+            if world.sensors.node[other].sensor == clock.state_node:
                 held = sensor_kernel.node_fault(world.sensors, other, sensor_kernel.FROZEN, t_ns)
                 actuator_kernel.report(world.actuators, world.tables, row, payload, held > 0.0)
             sensor_kernel.sample(
-                world.sensors, world.tables, other, t_ns, now_ns, clock[SEED], payload
+                world.sensors, world.tables, other, t_ns, now_ns, clock.seed, payload
             )
         sensor_kernel.finish(world.sensors, world.tables, number, payload)
         if not sensor_kernel.silent(world.sensors, number, t_ns):
@@ -338,7 +327,7 @@ def sense(world: LoopMemory, network: bus.State, number: int, now_ns: int) -> No
                 message.length,
                 payload,
                 message.flags,
-                clock[SEED],
+                clock.seed,
             )
         node.next += sensor_kernel.period(world.sensors, number, t_ns)
 
@@ -370,33 +359,33 @@ def advance(parts: Parts, until_ns: int) -> int:
     clock = world.clock
     # Views into the record: unlike separate arrays they have no references to be counted.
     inputs, outputs = world.inputs[:], world.outputs[:]
-    state, parameters = world.state[: clock[STATES]], world.parameters[: clock[PARAMETERS]]
-    step = step_at(clock[STEP])
-    clock[RECEIVED] = 0
+    state, parameters = world.state[: clock.states], world.parameters[: clock.parameters]
+    step = step_at(clock.step)
+    clock.received = 0
     _post(world, network)
-    while clock[PLANT_NS] < until_ns:
-        t_ns = clock[PLANT_NS]
+    while clock.plant_ns < until_ns:
+        t_ns = clock.plant_ns
         bus.run(network, t_ns)
-        if clock[LOG_CURSOR] < network.clock[bus.LOGGED]:
+        if clock.log_cursor < network.clock[bus.LOGGED]:
             _deliver(world, network, commands)
         actuator_kernel.supervise(world.actuators, t_ns)
         act(world.actuators, outputs, inputs, t_ns)
-        if clock[PENDING]:
-            commands[clock[APPLIED_COMMANDS], recording.APPLIED] = t_ns
-            clock[APPLIED_COMMANDS] += 1
-            clock[PENDING] = 0
+        if clock.pending:
+            commands[clock.applied_commands].t_applied = t_ns
+            clock.applied_commands += 1
+            clock.pending = 0
         if outputs[ports.ROLLOVER] == 0.0:
             drive(t_ns, outputs, inputs, driver)
             step(state, inputs, parameters, outputs, 1e-3)
         t_ns += STEP_NS
-        clock[PLANT_NS] = t_ns
+        clock.plant_ns = t_ns
         sensor_kernel.observe(world.sensors, inputs, outputs)
         for number in range(len(world.sensors.node)):
             if world.sensors.node[number].next <= t_ns:
                 sense(world, network, number, t_ns)
-        recording.record(rows, clock[ROWS], outputs, inputs, world.actuators)
-        clock[ROWS] += 1
+        recording.record(rows, clock.rows, outputs, inputs, world.actuators)
+        clock.rows += 1
     bus.run(network, until_ns)
     _deliver(world, network, commands)
-    received: int = clock[RECEIVED]
+    received: int = clock.received
     return received

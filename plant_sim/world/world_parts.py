@@ -117,16 +117,14 @@ def _sensors(  # noqa: PLR0917
     return nodes
 
 
-def _clock(
-    nodes: sensor_kernel.SensorTables, network: can_bus.Network, seed: int
-) -> NDArray[np.int64]:
-    clock = np.zeros(kernel.N_CLOCK, dtype=np.int64)
-    clock[kernel.IMU_SAMPLE] = kernel.NOTHING
-    clock[kernel.IMU_LATENCY] = nodes.node[sensor_setup.NODES.index("Imu")]["latency"]
-    clock[kernel.ECU_SEGMENT] = network.nodes["segment"][can_bus.ECU]
-    clock[kernel.ACTUATOR_SEGMENT] = network.nodes["segment"][can_bus.ACTUATOR]
-    clock[kernel.SEED] = seed
-    clock[kernel.STATE_NODE] = sensor_setup.NODES.index("ActuatorState")
+def _clock(nodes: sensor_kernel.SensorTables, network: can_bus.Network, seed: int) -> Any:  # noqa: ANN401
+    clock = np.zeros(1, kernel.CLOCK)[0]
+    clock["imu_sample"] = kernel.NOTHING
+    clock["imu_latency"] = nodes.node[sensor_setup.NODES.index("Imu")]["latency"]
+    clock["ecu_segment"] = network.nodes["segment"][can_bus.ECU]
+    clock["actuator_segment"] = network.nodes["segment"][can_bus.ACTUATOR]
+    clock["seed"] = seed
+    clock["state_node"] = sensor_setup.NODES.index("ActuatorState")
     return clock
 
 
@@ -186,8 +184,8 @@ def assemble(
         check_step(plant, state, inputs, parameters, rebuild)
     nodes = _sensors(vehicle, sensors, seed, inputs, outputs, tables)
     clock = _clock(nodes, network, seed)
-    clock[kernel.STEP] = plant.step.address
-    clock[kernel.STATES], clock[kernel.PARAMETERS] = len(state), len(parameters)
+    clock["step"] = plant.step.address
+    clock["states"], clock["parameters"] = len(state), len(parameters)
     roles = _roles(actuator, tables)
     memory = LoopMemory(
         clock=clock,
@@ -198,7 +196,7 @@ def assemble(
         received=np.zeros(_INBOX_CAPACITY, dtype=kernel.FRAME),
         payload=np.zeros(codec.MAX_PAYLOAD, dtype=np.uint8),
         outbox=np.zeros(_OUTBOX_CAPACITY, dtype=kernel.FRAME),
-        flight=np.full((_FLIGHT_CAPACITY, kernel.N_FLIGHT), kernel.NOTHING, dtype=np.int64),
+        flight=np.full(_FLIGHT_CAPACITY, kernel.NOTHING, kernel.FLIGHT),
         roles=roles,
         frames=fault_parts.frames(faults, tables, nodes, network),
         sensors=nodes,
@@ -215,7 +213,7 @@ def assemble(
     return Parts(
         memory=to_record(memory),
         rows=np.zeros((RECORD_CAPACITY, recording.N_COLUMNS)),
-        commands=np.zeros((RECORD_CAPACITY + 1, recording.N_COMMAND), dtype=np.int64),
+        commands=np.zeros(RECORD_CAPACITY + 1, recording.COMMAND),
         drive=maneuver.drive,
         network=network,
     )

@@ -25,8 +25,8 @@ from plant_sim.bodies.ports import Body
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.kernels.records import to_record
 from plant_sim.nodes import actuators, e2e, own_sums, sensors
-from plant_sim.world import frame_kernel, recording
-from plant_sim.world.world_kernel import PLANT_NS, STEP, Parts
+from plant_sim.world import recording
+from plant_sim.world.world_kernel import Parts
 
 IDENTIFIER = "canroll_plant"
 BUFFER = 8192
@@ -69,7 +69,6 @@ MODEL = """\
 #define {token}
 #define FMU_PORTS {ports}
 #define FMU_BUFFER {buffer}
-#define PLANT_NS {plant_ns}
 #define PLANT_ACTUATOR {node}
 #define PLANT_COMMAND {command}
 #define PLANT_CHANNELS {channels}
@@ -117,8 +116,7 @@ def write(
     if ports not in PORTS:
         raise UnknownNameError("kind of ports", ports, PORTS)
     frames = parts.memory[0]["frames"]
-    attackers = frames["clock"][frame_kernel.ATTACKER_AT_ECU :]
-    if frames["fault"]["places"].any() or np.any(attackers >= 0):
+    if frames["fault"]["places"].any() or frames["attacker_at_ecu"] >= 0:
         raise CanrollError("faults of frames act on the bus and are not part of the plant: omit it")
     if np.any(parts.memory[0]["tables"]["protection"]["method"] == e2e.OWN):
         raise CanrollError(
@@ -152,7 +150,6 @@ def write(
             ports=2 if ports == CAN else 0,
             node=can_bus.ACTUATOR,
             buffer=BUFFER if ports == CAN else 1,
-            plant_ns=PLANT_NS,
             command=which,
             channels=channels,
             columns=count,
@@ -184,7 +181,7 @@ def _start(parts: Parts, maneuver: Maneuver) -> np.ndarray[Any, np.dtype[np.void
     for name in PARTS:
         state[name] = memory[name]
     # the exported plant calls its body by name: an address of this process changes from run to run
-    state["clock"][0, STEP] = 0
+    state["clock"]["step"] = 0
     state["drive"] = drive
     return image.copied(state[0], image.aligned(state.dtype))
 

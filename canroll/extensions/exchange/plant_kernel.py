@@ -15,7 +15,7 @@ from plant_sim.kernels.instants import STEP_NS
 from plant_sim.nodes import actuator_kernel, envelope, sensor_kernel
 from plant_sim.nodes.actuator_models import act
 from plant_sim.world import recording
-from plant_sim.world.world_kernel import FOR_ACTUATOR, PLANT_NS, SENDER_STATE, row_of, sense
+from plant_sim.world.world_kernel import FOR_ACTUATOR, SENDER_STATE, row_of, sense
 
 Plant = Any
 Payload = np.ndarray
@@ -122,14 +122,14 @@ def command(plant: Plant, which: int, demands: Vector, channels: int, t_ns: int)
 
 def advance(plant: Plant) -> None:
     """Advance by one step of 1 ms."""
-    t_ns = plant.clock[PLANT_NS]
+    t_ns = plant.clock.plant_ns
     actuator_kernel.supervise(plant.actuators, t_ns)
     act(plant.actuators, plant.outputs, plant.inputs, t_ns)
     if plant.outputs[ports.ROLLOVER] == 0.0:
         drive(t_ns, plant.outputs, plant.inputs, plant.drive)
         body_step(plant.state, plant.inputs, plant.parameters, plant.outputs, 1e-3)
     t_ns += STEP_NS
-    plant.clock[PLANT_NS] = t_ns
+    plant.clock.plant_ns = t_ns
     sensor_kernel.observe(plant.sensors, plant.inputs, plant.outputs)
     for number in range(len(plant.sensors.node)):
         if plant.sensors.node[number].next <= t_ns:

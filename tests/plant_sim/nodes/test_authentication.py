@@ -84,7 +84,7 @@ def test_every_frame_passes_once_and_older_ones_never():
         assert verified(auth, secured(count))
         assert not verified(auth, secured(count))
     assert not verified(auth, secured(3))
-    assert auth.flag[authentication.REFUSED] == 5
+    assert auth.flag["refused"] == 5
 
 
 @pytest.mark.parametrize("bit", range(8 * authentication.SECURED))
@@ -121,7 +121,7 @@ def test_a_node_that_has_just_started_takes_no_recorded_frame():
     soon = 2 * LATER + authentication.LISTENING_NS - 1
     assert not verified(auth, secured(400), 2 * LATER)
     assert not verified(auth, secured(501), soon)
-    assert auth.flag[authentication.REFUSED] == 0
+    assert auth.flag["refused"] == 0
     assert not verified(auth, secured(450), soon + 1)
     assert verified(auth, secured(502), soon + 1)
     assert not verified(auth, secured(503), 3 * LATER)

@@ -16,7 +16,7 @@ from plant_sim.kernels.instants import STEP_NS
 from plant_sim.nodes import authentication, codec, codec_tables, e2e
 from plant_sim.nodes.codec import MAX_PAYLOAD, Codec
 from plant_sim.nodes.sensors import PER_UNIT
-from plant_sim.world import fault_parts, frame_kernel
+from plant_sim.world import fault_parts
 from plant_sim.world.world import FRAME, World
 from plant_sim.world.world_kernel import EXTENDED_KEY, SENDER_STATE, row_of
 
@@ -134,22 +134,18 @@ class AttackedWorld(World):
     def attack(self, forge: Forge, start_ns: int, *, seed: int) -> None:
         """Start ``forge`` at ``start_ns``; it listens from now on."""
         memory = self.parts.memory[0]
-        clock = memory["frames"]["clock"]
-        fault_parts.add_attackers(clock, self.network)
-        at_ecu, at_actuator = (
-            int(clock[slot])
-            for slot in (frame_kernel.ATTACKER_AT_ECU, frame_kernel.ATTACKER_AT_ACTUATOR)
-        )
+        frames = memory["frames"]
+        fault_parts.add_attackers(frames, self.network)
+        at_ecu, at_actuator = int(frames["attacker_at_ecu"]), int(frames["attacker_at_actuator"])
         self._nodes = at_ecu, at_actuator
         segments = self.network.nodes["segment"]
         one_for_all = segments[at_ecu] == segments[at_actuator]
         self._senders = (at_ecu,) if one_for_all else self._nodes
-        self._places = memory["clock"]
         self._forge, self._start_ns = forge, start_ns
         self._cursor = 0
         self.sent = 0
         self.arrivals: list[bool] = []
-        secured = bool(memory["authentication"]["flag"][authentication.ENABLED])
+        secured = bool(memory["authentication"]["flag"]["enabled"])
         tables = Codec(*(memory["tables"][name] for name in Codec._fields))
         self.ear = Ear(tables, secured, np.random.default_rng([seed, 77]))
 

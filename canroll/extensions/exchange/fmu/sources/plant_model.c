@@ -39,13 +39,13 @@ static void show(model *m)
 /* Compute the steps that begin up to `now_ns`; those that have ended are shown. */
 static void move(model *m, int64_t now_ns)
 {
-    while (m->plant.clock[PLANT_NS] <= now_ns) {
-        if (m->plant.clock[PLANT_NS] > 0) {
+    while (m->plant.clock.plant_ns <= now_ns) {
+        if (m->plant.clock.plant_ns > 0) {
             show(m);
         }
 #if FMU_PORTS == 0
         plant_command(&m->plant, PLANT_COMMAND, m->demands, PLANT_CHANNELS,
-                      m->plant.clock[PLANT_NS]);
+                      m->plant.clock.plant_ns);
 #endif
         plant_advance(&m->plant);
 #if FMU_PORTS == 0
@@ -81,14 +81,14 @@ bool model_advance(model *m, fmu_buffer *tx, int64_t until_ns, fmu_reason *why)
     for (size_t port = 0; port < FMU_PORTS && tx != NULL; port++) {
         tx[port].size = 0; /* nobody listens where it was not taken before this step */
     }
-    while (m->plant.clock[PLANT_NS] < until_ns) {
-        int64_t now_ns = m->plant.clock[PLANT_NS];
+    while (m->plant.clock.plant_ns < until_ns) {
+        int64_t now_ns = m->plant.clock.plant_ns;
         move(m, now_ns);
         if (!send(m, tx, now_ns < until_ns - STEP_NS ? now_ns + STEP_NS : until_ns, why)) {
             return false;
         }
     }
-    if (m->plant.clock[PLANT_NS] == until_ns) {
+    if (m->plant.clock.plant_ns == until_ns) {
         show(m);
     }
     return send(m, tx, until_ns, why);
@@ -118,7 +118,7 @@ int64_t model_next(model *m, fmu_buffer *tx, size_t port, int64_t now_ns)
 {
     (void)tx, (void)port;
     move(m, now_ns);
-    int64_t next = m->plant.clock[PLANT_NS];
+    int64_t next = m->plant.clock.plant_ns;
     if (m->plant.queue.count > 0 && m->plant.queue.entries[0].t_ns < next) {
         next = m->plant.queue.entries[0].t_ns;
     }
@@ -129,7 +129,7 @@ bool model_advance(model *m, fmu_buffer *tx, int64_t until_ns, fmu_reason *why)
 {
     (void)tx, (void)why;
     move(m, until_ns - 1);
-    if (m->plant.clock[PLANT_NS] == until_ns) {
+    if (m->plant.clock.plant_ns == until_ns) {
         show(m);
     }
     return true;
