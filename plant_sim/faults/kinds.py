@@ -6,6 +6,7 @@ Parser, files, refusals, help and docs/faults.md are made from it.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 from plant_sim.buses.topology import NODES
 from plant_sim.nodes import actuators, sensors
@@ -62,6 +63,13 @@ class FaultKind:
     not_at: tuple[str, ...] = ()
 
 
+_of_message = partial(FaultKind, at=MESSAGE, sensors_only=True)
+_of_actuator = partial(FaultKind, at=ACTUATOR, ramps=True)
+_lasting = partial(FaultKind, repeats=False)
+_of_node = partial(_lasting, at=NODE)
+_share = partial(FaultKind, value="fraction", low=0.0, high=1.0, ramps=True)
+_flood = partial(_lasting, value="fraction", default=0.9, low=0.01, high=1.0)
+
 KINDS: tuple[FaultKind, ...] = (
     FaultKind(name="stuck", at=SIGNAL, help="holds the last value, counters go on"),
     FaultKind(name="offset", at=SIGNAL, help="adds VALUE", value="SI unit", ramps=True),
@@ -86,110 +94,68 @@ KINDS: tuple[FaultKind, ...] = (
     FaultKind(name="delay", at=SIGNAL, help="is late by VALUE", value="s", low=0.0, high=2.5),
     FaultKind(name="invalid", at=SIGNAL, help="sends the code for error"),
     FaultKind(name="dropout", at=SIGNAL, help="keeps its message off the bus"),
-    FaultKind(name="dropout", at=MESSAGE, help="is not sent", sensors_only=True),
-    FaultKind(
-        name="frozen",
-        at=MESSAGE,
-        help="repeats the last sample and its sample counter, protection goes on",
-        sensors_only=True,
+    _of_message(name="dropout", help="is not sent"),
+    _of_message(
+        name="frozen", help="repeats the last sample and its sample counter, protection goes on"
     ),
-    FaultKind(
-        name="frozen_counter",
-        at=MESSAGE,
-        help="repeats its counter of the protection",
-        sensors_only=True,
-    ),
+    _of_message(name="frozen_counter", help="repeats its counter of the protection"),
     FaultKind(name="stuck", at=ACTUATOR, help="holds its force and reports it"),
-    FaultKind(name="floating", at=ACTUATOR, help="delivers nothing and reports it", ramps=True),
-    FaultKind(name="dead", at=ACTUATOR, help="delivers nothing, status OK", ramps=True),
-    FaultKind(
+    _of_actuator(name="floating", help="delivers nothing and reports it"),
+    _of_actuator(name="dead", help="delivers nothing, status OK"),
+    _share(
         name="weak",
         at=ACTUATOR,
         help="delivers the fraction VALUE of its command, status limited",
-        value="fraction",
         default=0.5,
-        ramps=True,
-        low=0.0,
-        high=1.0,
     ),
-    FaultKind(
-        name="slow",
-        at=ACTUATOR,
-        help="has VALUE times its lag, status OK",
-        value="factor",
-        low=1.0,
-        high=1000.0,
-        ramps=True,
+    _of_actuator(
+        name="slow", help="has VALUE times its lag, status OK", value="factor", low=1.0, high=1000.0
     ),
-    FaultKind(name="reversed", at=ACTUATOR, help="delivers the opposite, status OK", ramps=True),
-    FaultKind(
+    _of_actuator(name="reversed", help="delivers the opposite, status OK"),
+    _share(
         name="runaway",
         at=ACTUATOR,
         help="adds the fraction VALUE of its limit to its command, status OK",
-        value="fraction",
         low=-1.0,
-        high=1.0,
-        ramps=True,
     ),
-    FaultKind(
-        name="derating",
-        at=ACTUATOR,
-        help="is limited to the fraction VALUE of its limit",
-        value="fraction",
-        ramps=True,
-        low=0.0,
-        high=1.0,
-    ),
+    _share(name="derating", at=ACTUATOR, help="is limited to the fraction VALUE of its limit"),
     FaultKind(
         name="lying",
         at=ACTUATOR,
         help="reports OK and the commanded moment, whatever else is wrong",
     ),
-    FaultKind(
+    _of_node(
         name="down",
-        at=NODE,
         help="loses power: sends and receives nothing, then restarts; without power the "
         "actuators float",
-        repeats=False,
     ),
-    FaultKind(
+    _of_node(
         name="reset",
-        at=NODE,
         help="is down for VALUE, then restarts",
         value="s",
         default=0.1,
         low=0.001,
         high=1e6,
         end=False,
-        repeats=False,
     ),
-    FaultKind(
+    _of_node(
         name="late",
-        at=NODE,
         help="has no power before VALUE",
         value="s",
         low=0.001,
         high=1e6,
         start=False,
         end=False,
-        repeats=False,
     ),
-    FaultKind(name="silent", at=NODE, help="hears, but sends nothing", repeats=False),
-    FaultKind(
+    _of_node(name="silent", help="hears, but sends nothing"),
+    _of_node(
         name="bus_off",
-        at=NODE,
         help="every frame that it sends is disturbed, until its controller leaves the bus",
-        repeats=False,
     ),
-    FaultKind(
+    _flood(
         name="babbling",
         at=NODE,
         help="fills the share VALUE of its bus with frames of the highest priority",
-        value="fraction",
-        default=0.9,
-        low=0.01,
-        high=1.0,
-        repeats=False,
     ),
     FaultKind(
         name="clock_drift",
@@ -202,7 +168,7 @@ KINDS: tuple[FaultKind, ...] = (
         not_at=(f"{NODE_PREFIX}{ECU_NODE}",),
     ),
     *(
-        FaultKind(name=name, at=at, help=text, value="fraction", low=0.0, high=1.0, ramps=True)
+        _share(name=name, at=at, help=text)
         for at in (MESSAGE, BUS)
         for name, text in (
             ("loss", "the receiver loses this fraction of the frames"),
@@ -212,37 +178,23 @@ KINDS: tuple[FaultKind, ...] = (
         )
     ),
     *(
-        FaultKind(
-            name="delay",
-            at=at,
-            help="frames are handed over late by VALUE",
-            value="s",
-            low=0.0,
-            high=1.0,
-            ramps=True,
-        )
+        _share(name="delay", at=at, help="frames are handed over late by VALUE", value="s")
         for at in (MESSAGE, BUS)
     ),
-    FaultKind(
+    _lasting(
         name="error_rate",
         at=BUS,
         help="every bit is disturbed with this probability",
         value="per bit",
         low=0.0,
         high=0.1,
-        repeats=False,
     ),
-    FaultKind(
+    _flood(
         name="flood",
         at=BUS,
         help="fills the share VALUE of every bus with frames of the highest priority",
-        value="fraction",
-        default=0.9,
-        low=0.01,
-        high=1.0,
-        repeats=False,
     ),
-    FaultKind(name="partition", at=BUS, help="its gateways forward nothing", repeats=False),
+    _lasting(name="partition", at=BUS, help="its gateways forward nothing"),
     FaultKind(
         name="spoof",
         at=ATTACKER,
