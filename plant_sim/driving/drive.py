@@ -140,10 +140,13 @@ def make_drive(
     }
     tables = {name: getattr(plan, name) for name in ("table", "bank", "grade", "wind", "pedal")}
     tables["speed"] = np.array([speed]) if plan.speed is None else plan.speed
-    tables["path_x"], tables["path_y"] = plan.path_xy or (np.array([0.0, path.STEP]), np.zeros(2))
-    tables["road_left"], tables["road_right"] = plan.road or (None, None)
-    grip = np.ones(1)
-    tables["friction_left"], tables["friction_right"] = plan.friction or (grip, grip)
+    straight, dry = (np.array([0.0, path.STEP]), np.zeros(2)), (np.ones(1), np.ones(1))
+    for names, given, neutral in (
+        (("path_x", "path_y"), plan.path_xy, straight),
+        (("road_left", "road_right"), plan.road, (None, None)),
+        (("friction_left", "friction_right"), plan.friction, dry),
+    ):
+        tables |= zip(names, neutral if given is None else given, strict=True)
     return DriveInputs(
         kind=plan.kind,
         parameters=np.array([tuple(numbers[name] for name in DRIVER.names or ())], DRIVER),

@@ -5,6 +5,7 @@ the car corners at 0.3 g at 80 km/h; here that is the linear car's.
 """
 
 from math import inf, pi, radians
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from canroll.errors import CanrollError
 from canroll.typing import Vector
 from plant_sim.driving.drive import ManeuverKind, ManeuverPlan, pedal, steady_steer
 from plant_sim.driving.driver import FISHHOOK, STEER_TABLE
+from plant_sim.kernels.instants import STEP_NS
 from vehicles import GRAVITY, Vehicle
 
 START = 0.5
@@ -24,7 +26,7 @@ STEADY = 4.0
 BRAKED = 20.0 / 3.6
 """Speed (m/s) at which braking in a curve ends."""
 
-TABLE_STEP = 1e-3
+TABLE_STEP = STEP_NS * 1e-9
 REFERENCE_SPEED = 80 / 3.6
 REFERENCE_ACCELERATION = 0.3 * GRAVITY
 
@@ -36,6 +38,23 @@ def reference_angle(vehicle: Vehicle) -> float:
 
 def _amplitude(vehicle: Vehicle, scale: float) -> float:
     return min(scale * reference_angle(vehicle), vehicle.steering.angle_limit)
+
+
+def _held(vehicle: Vehicle, speed: float, lateral_acceleration: float) -> float:
+    """Road-wheel angle (rad) of the linear car's steady lateral acceleration (m/s²), if it can."""
+    angle = steady_steer(vehicle, speed, lateral_acceleration)
+    return min(angle, vehicle.steering.angle_limit)
+
+
+def _robot(
+    duration: float,
+    table: Vector,
+    *,
+    steer_rate: float = inf,
+    **plan: Any,  # noqa: ANN401
+) -> ManeuverPlan:
+    """The plan of a robot that steers a table, by default as fast as it says."""
+    return ManeuverPlan(duration, kind=STEER_TABLE, table=table, steer_rate=steer_rate, **plan)
 
 
 def fishhook(vehicle: Vehicle, _speed: float, _seed: int, *, scale: float = 6.5) -> ManeuverPlan:
@@ -63,16 +82,9 @@ def step_steer(
     wheel.
     """
     rate = radians(steer_rate) / vehicle.steering.ratio
-    angle = steady_steer(vehicle, speed, lateral_acceleration)
-    amplitude = min(angle, vehicle.steering.angle_limit)
+    amplitude = _held(vehicle, speed, lateral_acceleration)
     time = np.arange(0.0, START + 4.5, TABLE_STEP)
-    return ManeuverPlan(
-        float(time[-1]),
-        kind=STEER_TABLE,
-        table=np.clip(rate * (time - START), 0.0, amplitude),
-        table_step=TABLE_STEP,
-        steer_rate=inf,
-    )
+    return _robot(float(time[-1]), np.clip(rate * (time - START), 0.0, amplitude))
 
 
 def sine_sweep(
@@ -99,15 +111,7 @@ def sine_sweep(
         )
     time = np.maximum(np.arange(0.0, START + duration, TABLE_STEP) - START, 0.0)
     phase = 2 * pi * (lowest * time + 0.5 * (highest - lowest) * time**2 / duration)
-    angle = steady_steer(vehicle, speed, lateral_acceleration)
-    amplitude = min(angle, vehicle.steering.angle_limit)
-    return ManeuverPlan(
-        START + duration,
-        kind=STEER_TABLE,
-        table=amplitude * np.sin(phase),
-        table_step=TABLE_STEP,
-        steer_rate=inf,
-    )
+    return _robot(START + duration, _held(vehicle, speed, lateral_acceleration) * np.sin(phase))
 
 
 def braking_in_curve(
@@ -124,19 +128,15 @@ def braking_in_curve(
     acceleration of 5 m/s² at 80 km/h. The car brakes evenly, as a speed that falls, down to
     :data:`BRAKED` or to a quarter of its speed.
     """
-    angle = steady_steer(vehicle, speed, speed**2 / radius)
-    amplitude = min(angle, vehicle.steering.angle_limit)
+    amplitude = _held(vehicle, speed, speed**2 / radius)
     end = max(BRAKED, 0.25 * speed)
     begin = START + ENTRY + STEADY
     duration = begin + max(speed - end, 0.0) / deceleration
     time = np.arange(0.0, duration, TABLE_STEP)
-    return ManeuverPlan(
+    return _robot(
         duration,
-        kind=STEER_TABLE,
-        table=amplitude * np.clip((time - START) / ENTRY, 0.0, 1.0),
-        table_step=TABLE_STEP,
+        amplitude * np.clip((time - START) / ENTRY, 0.0, 1.0),
         speed=np.maximum(speed - deceleration * np.maximum(time - begin, 0.0), min(end, speed)),
-        steer_rate=inf,
     )
 
 
@@ -153,18 +153,14 @@ def power_off_in_curve(
     The angle is that of the linear car. ``acceleration`` (m/s²) is what engine and pedals ask for
     from then on: the drag of an engine in gear if negative, power-on if positive.
     """
-    angle = steady_steer(vehicle, speed, speed**2 / radius)
-    amplitude = min(angle, vehicle.steering.angle_limit)
+    amplitude = _held(vehicle, speed, speed**2 / radius)
     begin, after = START + ENTRY + STEADY, 4.0
     time = np.arange(0.0, begin + after, TABLE_STEP)
-    return ManeuverPlan(
+    return _robot(
         begin + after,
-        kind=STEER_TABLE,
-        table=amplitude * np.clip((time - START) / ENTRY, 0.0, 1.0),
-        table_step=TABLE_STEP,
+        amplitude * np.clip((time - START) / ENTRY, 0.0, 1.0),
         release_time=begin,
         pedal=pedal(acceleration),
-        steer_rate=inf,
     )
 
 
@@ -175,14 +171,8 @@ def j_turn(vehicle: Vehicle, _speed: float, _seed: int, *, scale: float = 8.0) -
     rise = amplitude / rate
     knots = np.array([0.0, START, START + rise, START + rise + 4.0, START + rise + 6.0])
     time = np.arange(0.0, knots[-1] + 1.0, TABLE_STEP)
-    return ManeuverPlan(
-        float(time[-1]),
-        kind=STEER_TABLE,
-        table=np.interp(time, knots, [0.0, 0.0, amplitude, amplitude, 0.0]),
-        table_step=TABLE_STEP,
-        release_time=START,
-        steer_rate=2 * rate,
-    )
+    table = np.interp(time, knots, [0.0, 0.0, amplitude, amplitude, 0.0])
+    return _robot(float(time[-1]), table, release_time=START, steer_rate=2 * rate)
 
 
 def sine_with_dwell_table(amplitude: float) -> Vector:
@@ -200,14 +190,7 @@ def sine_with_dwell(
 ) -> ManeuverPlan:
     """FMVSS 126 sine with dwell at ``scale`` times the angle for 0.3 g, accelerator released."""
     table = sine_with_dwell_table(_amplitude(vehicle, scale))
-    return ManeuverPlan(
-        table.size * TABLE_STEP,
-        kind=STEER_TABLE,
-        table=table,
-        table_step=TABLE_STEP,
-        release_time=START,
-        steer_rate=inf,
-    )
+    return _robot(table.size * TABLE_STEP, table, release_time=START)
 
 
 STEP_STEER = ManeuverKind("step steer", 100.0, 160.0, "ISO 7401", step_steer)
