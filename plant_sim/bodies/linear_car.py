@@ -14,6 +14,7 @@ from plant_sim.bodies import ports
 from plant_sim.bodies.integrate import rk4
 from plant_sim.bodies.ports import Body
 from plant_sim.kernels.jit import cfunc, njit, record_of, stack_vector
+from plant_sim.kernels.records import fields
 from vehicles import GRAVITY, Vehicle
 from vehicles.full_car import INPUTS, STATES, FullCar, from_vehicle, state_matrices
 from vehicles.roll_stiffness import suspension_roll_stiffness
@@ -28,18 +29,16 @@ HEAVE, PITCH, ROLL, HOP = 0, 1, 2, 3
 RATES, HOP_RATE = 7, 10
 SIDESLIP, YAW_RATE, OIL = 14, 15, 16
 
-LINEAR_AXLE = (
-    *("distance", "body_distance", "half_track", "cornering"),
-    *("wheel_load", "under_axis", "roll_centre"),
+LINEAR_AXLE = fields(
+    "f8", "distance body_distance half_track cornering wheel_load under_axis roll_centre"
 )
 LINEAR_CAR = np.dtype(
     [
-        *((name, "f8") for name in ("speed", "mass", "arm", "offset", "radius")),
-        *((name, "f8") for name in ("tyre_stiffness", "tyre_damping", "bar_stiffness", "lever")),
-        *((name, "f8") for name in ("current_limit", "pressure_limit", "angle_limit")),
-        ("axle", [(name, "f8") for name in LINEAR_AXLE], (2,)),
-        ("a", "f8", (N_LINEAR, N_LINEAR)),
-        ("b", "f8", (N_LINEAR, N_DRIVE)),
+        *fields("f8", "speed mass arm offset radius tyre_stiffness tyre_damping bar_stiffness"),
+        *fields("f8", "lever current_limit pressure_limit angle_limit"),
+        ("axle", LINEAR_AXLE, (2,)),
+        *fields("f8", "a", N_LINEAR, N_LINEAR),
+        *fields("f8", "b", N_LINEAR, N_DRIVE),
     ]
 )
 """The parameters; ``under_axis`` is the depth of a roll centre under the roll axis."""

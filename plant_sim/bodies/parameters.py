@@ -8,6 +8,7 @@ from canroll.errors import CanrollError
 from canroll.typing import Vector
 from plant_sim.bodies import curves, tyre
 from plant_sim.kernels.jit import record_of
+from plant_sim.kernels.records import fields
 from vehicles import GRAVITY, Vehicle
 from vehicles.axles import Axle, axles
 from vehicles.roll_stiffness import suspension_roll_stiffness
@@ -17,18 +18,14 @@ AxleRecord: TypeAlias = Any
 """Records of :data:`CAR` and :data:`AXLE` in a kernel."""
 
 
-def _numbers(*names: str) -> list[tuple[str, str]]:
-    return [(name, "f8") for name in names]
-
-
 AXLE = np.dtype(
     [
-        *_numbers("half_track", "per_track", "roll_centre", "unsprung", "preload", "spring", "bar"),
-        *_numbers("bump", "rebound", "knee_speed", "high_speed_ratio"),
-        *_numbers("bump_clearance", "rebound_clearance", "stop_rate"),
-        *((name, "f8", (curves.N_CURVES,)) for name in ("first", "rows")),
-        ("tyre_model", "f8"),
-        ("tyre", "f8", (tyre.ROOM,)),
+        *fields("f8", "half_track per_track roll_centre unsprung preload spring bar"),
+        *fields("f8", "bump rebound knee_speed high_speed_ratio"),
+        *fields("f8", "bump_clearance rebound_clearance stop_rate"),
+        *fields("f8", "first rows", curves.N_CURVES),
+        *fields("f8", "tyre_model"),
+        *fields("f8", "tyre", tyre.ROOM),
     ]
 )
 """An axle: ``per_track`` is 1/2t, ``unsprung`` mass of both wheels; then of one wheel.
@@ -39,8 +36,8 @@ AXLE = np.dtype(
 none, and the numbers hold.
 """
 WHEEL = (
-    *("distance", "side", "hub_mass", "hub_up", "load", "radius", "unloaded_radius"),
-    *("stiffness", "damping", "spin_inertia", "rolling_resistance", "per_relaxation"),
+    "distance side hub_mass hub_up load radius unloaded_radius stiffness damping spin_inertia "
+    "rolling_resistance per_relaxation"
 )
 """Numbers of the four wheels, side by side.
 
@@ -50,12 +47,11 @@ length.
 """
 CAR = np.dtype(
     [
-        *_numbers("mass", "sprung_mass", "offset", "arm", "axis_height"),
-        *_numbers("roll_inertia", "pitch_inertia", "yaw_inertia", "attitudes"),
-        *_numbers("steering_compliance", "caster_trail"),
+        *fields("f8", "mass sprung_mass offset arm axis_height roll_inertia pitch_inertia"),
+        *fields("f8", "yaw_inertia attitudes steering_compliance caster_trail"),
         ("axle", AXLE, (2,)),
-        *((name, "f8", (4,)) for name in WHEEL),
-        ("points", "f8", (2 * curves.POINTS,)),
+        *fields("f8", WHEEL, 4),
+        *fields("f8", "points", 2 * curves.POINTS),
     ]
 )
 """The car: inertias of the sprung body about its own CG, ``offset`` of this ahead of the car's.

@@ -14,6 +14,7 @@ from plant_sim.bodies import ports
 from plant_sim.bodies.integrate import rk4
 from plant_sim.bodies.ports import Body
 from plant_sim.kernels.jit import cfunc, njit, record_of, stack_vector
+from plant_sim.kernels.records import fields
 from vehicles import GRAVITY, Vehicle
 from vehicles.axles import axles
 
@@ -22,15 +23,14 @@ N_STATES = 7
 
 _rates = stack_vector(N_STATES)
 
-AXLE_DATA = (
-    *("ahead", "cornering", "share", "half_track", "roll_share", "damping_share"),
-    *("unsprung", "roll_centre"),
+ROLL_AXLE = fields(
+    "f8", "ahead cornering share half_track roll_share damping_share unsprung roll_centre"
 )
 ROLL_CAR = np.dtype(
     [
-        *((name, "f8") for name in ("speed", "mass", "yaw_inertia", "roll_inertia", "damping")),
-        *((name, "f8") for name in ("stiffness", "roll_arm", "radius", "arm", "offset")),
-        ("axle", [(name, "f8") for name in AXLE_DATA], (2,)),
+        *fields("f8", "speed mass yaw_inertia roll_inertia damping stiffness roll_arm radius arm"),
+        *fields("f8", "offset"),
+        ("axle", ROLL_AXLE, (2,)),
     ]
 )
 """The parameters; of an axle ``share`` is that of the weight, ``roll_share`` of the stiffness."""

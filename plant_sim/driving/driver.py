@@ -17,6 +17,7 @@ from plant_sim.driving.path import STEP as PATH_STEP
 from plant_sim.driving.preview import POINTS, SPEED_STEP
 from plant_sim.kernels.instants import STEP_NS
 from plant_sim.kernels.jit import borrowed, inlined, njit
+from plant_sim.kernels.records import fields
 from vehicles import GRAVITY
 
 TIME_STEP = STEP_NS * 1e-9
@@ -27,20 +28,15 @@ ACCELERATION_TABLE = 2
 FISHHOOK = 3
 
 DRIVER = np.dtype(
-    [
-        (name, "f8")
-        for name in (
-            *("preview_time", "lag", "slip_limit", "wheelbase", "understeer", "steer_limit"),
-            *("steer_rate", "release_time", "table_step", "road_step", "friction", "front", "rear"),
-            *("start", "amplitude", "hold", "back", "chassis_control", "mass", "yaw_inertia"),
-            *("track", "cornering", "cg_height", "wind_factor", "wind_ahead", "wind_height"),
-        )
-    ]
+    fields(
+        "f8",
+        "preview_time lag slip_limit wheelbase understeer steer_limit steer_rate release_time "
+        "table_step road_step friction front rear start amplitude hold back chassis_control mass "
+        "yaw_inertia track cornering cg_height wind_factor wind_ahead wind_height",
+    )
 )
 """Driver, car and steps of a drive's tables; ``start`` to ``back`` are those of a fishhook."""
-MEMORY = np.dtype(
-    [(name, "f8") for name in ("station", "steer", "travelled", "phase", "since", "yaw_reference")]
-)
+MEMORY = np.dtype(fields("f8", "station steer travelled phase since yaw_reference"))
 """What the driver keeps from step to step."""
 
 STATES = 3

@@ -13,6 +13,11 @@ from numba import typeof
 from numpy.typing import NDArray
 
 
+def fields(kind: str, names: str, *shape: int) -> list[tuple[str, str, tuple[int, ...]]]:
+    """Fields of one kind and shape of a record's dtype, from their names in a text."""
+    return [(name, kind, shape) for name in names.split()]
+
+
 def _fields(parts: Any) -> Iterator[tuple[str, Any]]:  # noqa: ANN401
     return zip(parts._fields, parts, strict=True)
 

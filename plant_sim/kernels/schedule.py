@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from canroll.errors import CanrollError
 from plant_sim.kernels.instants import NEVER
 from plant_sim.kernels.jit import njit
+from plant_sim.kernels.records import fields
 
 FAULT = np.dtype(
-    [
-        *((name, "i8") for name in ("places", "kind", "start", "end", "ramp", "every", "lasting")),
-        ("value", "f8"),
-    ]
+    [*fields("i8", "places kind start end ramp every lasting"), *fields("f8", "value")]
 )
 """A row: what fails, bit by bit (0: no fault, nor any after it), how, when (ns) and how much.
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from plant_sim.kernels import schedule
 from plant_sim.kernels.jit import njit
+from plant_sim.kernels.records import fields
 from plant_sim.nodes import codec, e2e, envelope, hydraulics
 from plant_sim.nodes.codec import Codec
 from vehicles.actuators import Bars, Dampers, SuspensionActuator, Valves
@@ -37,21 +38,20 @@ MESSAGES, CURVE_POINTS, FAULTS = 2, 8, 16
 
 ACTUATOR_NODE = np.dtype(
     [
-        *((name, "f8") for name in ("lag", "limit", "rate", "fade", "power", "estimate_gain")),
-        *((name, "f8") for name in ("estimate_lag", "current_limit", "integrated")),
-        ("half_track", "f8", (2,)),
+        *fields("f8", "lag limit rate fade power estimate_gain estimate_lag current_limit"),
+        *fields("f8", "integrated"),
+        *fields("f8", "half_track", 2),
         ("hydraulics", hydraulics.VALVE),
-        ("curve", "f8", (3, CURVE_POINTS)),
-        ("message", [(name, "i8") for name in ("row", "first_signal", "channels")], (MESSAGES,)),
-        ("report", "i8", (9,)),
+        *fields("f8", "curve", 3, CURVE_POINTS),
+        ("message", fields("i8", "row first_signal channels"), (MESSAGES,)),
+        *fields("i8", "report", 9),
         ("fault", schedule.FAULT, (FAULTS,)),
-        ("supervision", [(name, "i8") for name in e2e.Supervision._fields]),
-        *((name, "i8") for name in ("kind", "enabled", "powered", "timeout")),
-        *((name, "i8") for name in ("held", "counter", "source", "t_accepted", "rejected")),
-        *((name, "i8", (4,)) for name in ("status", "latched")),
-        *((name, "f8", (4,)) for name in ("demand", "reference", "fading", "actual", "applied")),
-        *((name, "f8", (2,)) for name in ("delivered", "estimate", "reported")),
-        ("motor", "f8", (2, 5)),
+        ("supervision", fields("i8", " ".join(e2e.Supervision._fields))),
+        *fields("i8", "kind enabled powered timeout held counter source t_accepted rejected"),
+        *fields("i8", "status latched", 4),
+        *fields("f8", "demand reference fading actual applied", 4),
+        *fields("f8", "delivered estimate reported", 2),
+        *fields("f8", "motor", 2, 5),
         ("receiver", e2e.RECEIVER, (MESSAGES,)),
         ("envelope", envelope.ENVELOPE),
     ]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from plant_sim.kernels.instants import NEVER
 from plant_sim.kernels.jit import njit
+from plant_sim.kernels.records import fields
 from plant_sim.nodes.codec import Codec
 
 SECURED = 20
@@ -23,8 +24,8 @@ LISTENING_NS = 160_000_000
 """Time after a start for which no frame is taken: the longest between two commands."""
 STARTS_MAX = 16
 
-FLAG = np.dtype([(name, "i8") for name in ("enabled", "refused", "started_ns")])
-FRESHNESS = np.dtype([("starts", "i8"), ("count", "i8")])
+FLAG = np.dtype(fields("i8", "enabled refused started_ns"))
+FRESHNESS = np.dtype(fields("i8", "starts count"))
 """Starts of a sender, and number of its next or last frame."""
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.kernels.jit import njit
+from plant_sim.kernels.records import fields
 from plant_sim.nodes import float32
 
 MAX_PAYLOAD = 64
@@ -22,10 +23,7 @@ NO_ERROR_CODE = -(1 << 40)
 OF_THE_FRAME = frozenset({"Checksum", "Counter", "SampleCounter"})
 """Signals of the contract that are specific to each frame."""
 MESSAGE = np.dtype(
-    [
-        *((name, "i8") for name in ("ident", "length", "first", "end", "cycle_ns", "flags")),
-        *((name, "i8") for name in ("key", "leader", "selector", "selected", "contract")),
-    ]
+    fields("i8", "ident length first end cycle_ns flags key leader selector selected contract")
 )
 """A message; ``length`` 0: it is not on this bus.
 
@@ -34,16 +32,18 @@ message in the same frame, ``selector`` the row of the signal that is always ``s
 frame has pages, -1: none; ``contract`` is the row of the message in the contract, another one for
 its further frames.
 """
-PIECE = np.dtype([(name, "i8") for name in ("byte", "bit", "bits", "signal_bit")])
+PIECE = np.dtype(fields("i8", "byte bit bits signal_bit"))
 """Bits of a signal in one byte."""
 PIECES = 5
 FIELD = np.dtype(
     [
-        *((name, "i8") for name in ("pieces", "width", "has_sign", "raw_min", "raw_max")),
-        *((name, "i8") for name in ("raw_error", "page", "page_signal", "minus", "twin")),
-        *((name, "i8") for name in ("inverted", "tolerance", "frame", "alike", "validity")),
-        *((name, "i8") for name in ("valid_code", "invalid_code", "real", "parted")),
-        *((name, "f8") for name in ("scale", "offset", "rest")),
+        *fields(
+            "i8", "pieces width has_sign raw_min raw_max raw_error page page_signal minus twin"
+        ),
+        *fields(
+            "i8", "inverted tolerance frame alike validity valid_code invalid_code real parted"
+        ),
+        *fields("f8", "scale offset rest"),
         ("piece", PIECE, (PIECES,)),
     ]
 )

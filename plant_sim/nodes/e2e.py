@@ -18,6 +18,7 @@ from codegen.frame.frame_protection import Protection
 from codegen.frame.own_protection import HELD_BITS
 from codegen.frame.place import Place
 from plant_sim.kernels.jit import njit
+from plant_sim.kernels.records import fields
 from plant_sim.nodes import own_sums
 
 NO_CHECKSUM, CRC, SUM_OF, XOR, OWN = range(5)
@@ -31,9 +32,7 @@ Scheme: TypeAlias = Any
 MOST_TERMS = 96
 """Rows for the terms of one protection: a frame of 64 bytes, and half as many others."""
 
-TERM = np.dtype(
-    [(name, "i8") for name in ("source", "at", "mask", "shift", "left", "last", "value")]
-)
+TERM = np.dtype(fields("i8", "source at mask shift left last value"))
 """Bits of a unit, or of a place in the frame.
 
 ``at`` is a byte's number, a constant, or the first of a list's rows; ``last``: the unit ends. A
@@ -41,12 +40,11 @@ place's ``value`` is what a further field has.
 """
 PROTECTION = np.dtype(
     [
-        *((name, "i8") for name in ("method", "width", "most", "register_width", "kept")),
-        *((name, "i8") for name in ("reflected", "turned", "unit", "part", "start", "final")),
-        *((name, "i8") for name in ("carry", "negate", "function", "data_id", "values")),
-        *((name, "i8", (2,)) for name in ("terms", "counter", "sum", "carried")),
+        *fields("i8", "method width most register_width kept reflected turned unit part"),
+        *fields("i8", "start final carry negate function data_id values"),
+        *fields("i8", "terms counter sum carried", 2),
         ("term", TERM, (MOST_TERMS,)),
-        ("crc", "i8", (256,)),
+        *fields("i8", "crc", 256),
     ]
 )
 """A protection.
@@ -59,12 +57,7 @@ takes in, counter, checksum and further fields.
 
 # Check results, in the order of the specification's status codes' severity.
 OK, SOME_LOST, INITIAL, SYNC, REPEATED, WRONG_SEQUENCE, WRONG_CRC = range(7)
-RECEIVER = np.dtype(
-    [
-        (name, "i8")
-        for name in ("wait_for_first", "max_delta", "last_counter", "sync_left", "not_new", "lost")
-    ]
-)
+RECEIVER = np.dtype(fields("i8", "wait_for_first max_delta last_counter sync_left not_new lost"))
 """State of a receiver."""
 
 # Where the receiver's two counts end: profile 1's, whose counter has 15 values.

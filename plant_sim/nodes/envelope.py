@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from canroll.typing import Vector
 from plant_sim.kernels.jit import njit
+from plant_sim.kernels.records import fields
 from plant_sim.nodes import codec, codec_tables, e2e
 from plant_sim.nodes.codec import Codec
 
@@ -33,11 +34,10 @@ NEVER = -1.0
 
 ENVELOPE = np.dtype(
     [
-        ("arm", "f8", (2, 4)),
-        ("most", "f8", (2,)),
-        *((name, "i8") for name in ("frame", "message", "signal", "yaw_rate")),
-        *((name, "f8") for name in ("acceleration", "slow", "outward_ms", "cut", "acted")),
-        *((name, "f8") for name in ("heard_ns", "turning")),
+        *fields("f8", "arm", 2, 4),
+        *fields("f8", "most", 2),
+        *fields("i8", "frame message signal yaw_rate"),
+        *fields("f8", "acceleration slow outward_ms cut acted heard_ns turning"),
         ("receiver", e2e.RECEIVER),
     ]
 )

@@ -14,19 +14,17 @@ import numpy as np
 
 from canroll.typing import Vector
 from plant_sim.kernels.jit import njit, stack_vector
+from plant_sim.kernels.records import fields
 from vehicles.model import ElectroHydraulicBars
 
 SPOOL, SPOOL_RATE, PRESSURE, ANGLE, ANGLE_RATE = range(5)
 VALVE = np.dtype(
-    [
-        (name, "f8")
-        for name in (
-            *("valve_frequency", "valve_damping", "valve_gain", "flow_gain", "displacement"),
-            *("pressure_coefficient", "leakage", "leakage_by_rotation", "motor_inertia"),
-            *("motor_damping", "bar_stiffness", "lever_ratio", "supply_pressure", "angle_limit"),
-            "oil_stiffness",
-        )
-    ]
+    fields(
+        "f8",
+        "valve_frequency valve_damping valve_gain flow_gain displacement pressure_coefficient "
+        "leakage leakage_by_rotation motor_inertia motor_damping bar_stiffness lever_ratio "
+        "supply_pressure angle_limit oil_stiffness",
+    )
 )
 """Valve, motor and bar of an axle as the vehicle has them, and 4 bulk moduli per volume of oil."""
 

@@ -18,6 +18,7 @@ from plant_sim.kernels import schedule
 from plant_sim.kernels.instants import STEP_NS
 from plant_sim.kernels.jit import njit
 from plant_sim.kernels.random import uniform
+from plant_sim.kernels.records import fields
 from plant_sim.kernels.schedule import Faults
 from plant_sim.nodes import codec, e2e
 from plant_sim.nodes.codec import Codec
@@ -32,19 +33,18 @@ N_CHANNELS = 17
 
 CHANNEL = np.dtype(
     [
-        *((name, "f8") for name in ("keep", "old", "new", "noise", "noise_memory", "noise_end_ns")),
-        *((name, "f8") for name in ("bias", "drift_step", "range", "lsb", "to_bus")),
-        *((name, "f8") for name in ("filtered", "previous", "coloured", "drift", "last", "input")),
-        *((name, "i8") for name in ("missing", "signal")),
+        *fields("f8", "keep old new noise noise_memory noise_end_ns bias drift_step range lsb"),
+        *fields("f8", "to_bus filtered previous coloured drift last input"),
+        *fields("i8", "missing signal"),
     ]
 )
 """A channel: its data, from ``filtered`` on its state, and the row of its signal."""
 NODE = np.dtype(
-    [
-        *((name, "i8") for name in ("message", "first_channel", "channels", "period", "latency")),
-        *((name, "i8") for name in ("next", "samples", "sample_signal", "bus_node")),
-        *((name, "i8") for name in ("held_sample", "held_counter", "sensor")),
-    ]
+    fields(
+        "i8",
+        "message first_channel channels period latency next samples sample_signal bus_node "
+        "held_sample held_counter sensor",
+    )
 )
 """A node; the message of one without channels is built elsewhere.
 

@@ -15,6 +15,7 @@ from plant_sim import can_bus as bus
 from plant_sim.kernels import schedule
 from plant_sim.kernels.jit import njit
 from plant_sim.kernels.random import Stream, uniform
+from plant_sim.kernels.records import fields
 from plant_sim.nodes import authentication, codec, e2e
 from plant_sim.nodes.authentication import NodeAuthentication
 from plant_sim.nodes.codec import Codec
@@ -34,8 +35,8 @@ SHORTEST_CYCLE_NS = 10_000_000
 FRAME_STATE = np.dtype(
     [
         ("fault", schedule.FAULT, (FAULTS,)),
-        ("signal", "i8", (FAULTS, 2)),
-        *((name, "i8") for name in ("drawn", "attacker_at_ecu", "attacker_at_actuator")),
+        *fields("i8", "signal", FAULTS, 2),
+        *fields("i8", "drawn attacker_at_ecu attacker_at_actuator"),
     ]
 )
 """Faults of frames, random numbers drawn, and the attackers' nodes, -1: none.

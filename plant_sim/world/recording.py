@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from plant_sim.bodies import ports
 from plant_sim.bodies.ports import Port
 from plant_sim.kernels.jit import njit
+from plant_sim.kernels.records import fields
 from plant_sim.nodes import actuator_kernel
 from plant_sim.nodes.actuator_kernel import ActuatorNode
 
@@ -50,9 +51,7 @@ NAMES = ("time", *SIGNALS)
 
 _UNITS = {name: port.unit for port in PORTS for name in port.slots}
 
-COMMAND = np.dtype(
-    [(name, "i8") for name in ("t_sample", "t_submitted", "t_received", "t_applied", "counter")]
-)
+COMMAND = np.dtype(fields("i8", "t_sample t_submitted t_received t_applied counter"))
 """One applied command, instants in ns; ``t_sample`` is -1 before the first sample."""
 
 

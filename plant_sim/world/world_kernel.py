@@ -16,6 +16,7 @@ from plant_sim.can_bus.wire.frame import ERROR_STATE, EXTENDED, RECESSIVE_INDICA
 from plant_sim.driving.driver import DriveInputs, drive, uncounted
 from plant_sim.kernels.instants import STEP_NS
 from plant_sim.kernels.jit import borrowed, njit, step_at
+from plant_sim.kernels.records import fields
 from plant_sim.nodes import actuator_kernel, authentication, codec, envelope, sensor_kernel
 from plant_sim.nodes.actuator_kernel import ActuatorNode
 from plant_sim.nodes.actuator_models import act
@@ -37,13 +38,12 @@ FRAME = np.dtype(
 ``forged``: an attacker sent it."""
 
 CLOCK = np.dtype(
-    [
-        *((name, "i8") for name in ("plant_ns", "rows", "log_cursor", "received", "outbox")),
-        *((name, "i8") for name in ("submissions", "applied_commands", "pending", "forged")),
-        *((name, "i8") for name in ("imu_sample", "imu_latency", "ecu_segment")),
-        *((name, "i8") for name in ("actuator_segment", "seed", "state_node")),
-        *((name, "i8") for name in ("step", "states", "parameters")),
-    ]
+    fields(
+        "i8",
+        "plant_ns rows log_cursor received outbox submissions applied_commands pending forged "
+        "imu_sample imu_latency ecu_segment actuator_segment seed state_node step states "
+        "parameters",
+    )
 )
 """How far the loop is, then what stays.
 
@@ -57,7 +57,7 @@ SENDER_STATE = ERROR_STATE | RECESSIVE_INDICATOR
 NOBODY, FOR_ACTUATOR, FOR_ECU, FOR_ECU_IMU = range(4)
 EXTENDED_KEY = 1 << 30
 
-FLIGHT = np.dtype([("t_submitted", "i8"), ("t_sample", "i8")])
+FLIGHT = np.dtype(fields("i8", "t_submitted t_sample"))
 """A command on its way, in a ring."""
 
 
