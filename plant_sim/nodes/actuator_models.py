@@ -8,28 +8,9 @@ from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.kernels.jit import njit
 from plant_sim.kernels.schedule import factor, most, total
+from plant_sim.nodes import actuator_kernel as kernel
 from plant_sim.nodes import hydraulics
-from plant_sim.nodes.actuator_kernel import (
-    BARS,
-    DAMPERS,
-    DEAD,
-    DERATING,
-    FLOATING,
-    LYING,
-    REVERSED,
-    RUNAWAY,
-    SLOW,
-    STATUS_FLOATING,
-    STATUS_LIMITED,
-    STATUS_OK,
-    STATUS_STUCK,
-    STUCK,
-    SUSPENSION,
-    WEAK,
-    ActuatorNode,
-    follows,
-    set_status,
-)
+from plant_sim.nodes.actuator_kernel import ActuatorNode, follows, set_status
 
 TORQUE_LOOP = 40.0
 """Bandwidth (rad/s) of the valves' loop."""
@@ -78,28 +59,28 @@ def settle(  # noqa: PLR0917
     Of several faults the worst decides: stuck, no force, uncommanded force.
     """
     lag = node.lag
-    status = STATUS_LIMITED if bound else STATUS_OK
+    status = kernel.STATUS_LIMITED if bound else kernel.STATUS_OK
     if node.fault[0].places:
         limit = node.limit
-        derated = factor(node.fault, DERATING, corners, t_ns)
+        derated = factor(node.fault, kernel.DERATING, corners, t_ns)
         if abs(target) > derated * limit:
-            target, status = clip(target, derated * limit), STATUS_LIMITED
-        share = factor(node.fault, WEAK, corners, t_ns)
+            target, status = clip(target, derated * limit), kernel.STATUS_LIMITED
+        share = factor(node.fault, kernel.WEAK, corners, t_ns)
         if share != 1.0:
-            target, status = share * target, STATUS_LIMITED
-        target *= 1.0 - 2.0 * most(node.fault, REVERSED, corners, t_ns)
-        target = clip(target + limit * total(node.fault, RUNAWAY, corners, t_ns), limit)
-        target *= 1.0 - most(node.fault, DEAD, corners, t_ns)
-        floating = most(node.fault, FLOATING, corners, t_ns)
+            target, status = share * target, kernel.STATUS_LIMITED
+        target *= 1.0 - 2.0 * most(node.fault, kernel.REVERSED, corners, t_ns)
+        target = clip(target + limit * total(node.fault, kernel.RUNAWAY, corners, t_ns), limit)
+        target *= 1.0 - most(node.fault, kernel.DEAD, corners, t_ns)
+        floating = most(node.fault, kernel.FLOATING, corners, t_ns)
         if floating > 0.0:
-            target, status = (1.0 - floating) * target, STATUS_FLOATING
-        if most(node.fault, STUCK, corners, t_ns) > 0.0:
-            target, status = node.actual[channel], STATUS_STUCK
-        slow = factor(node.fault, SLOW, corners, t_ns)
+            target, status = (1.0 - floating) * target, kernel.STATUS_FLOATING
+        if most(node.fault, kernel.STUCK, corners, t_ns) > 0.0:
+            target, status = node.actual[channel], kernel.STATUS_STUCK
+        slow = factor(node.fault, kernel.SLOW, corners, t_ns)
         if slow != 1.0:
             lag = 1.0 - (1.0 - min(lag, SLOWED)) ** (1.0 / slow)
     if not node.powered:
-        target, status = 0.0, STATUS_FLOATING
+        target, status = 0.0, kernel.STATUS_FLOATING
     before = node.actual[channel]
     node.actual[channel] += lag * (target - before)
     node.applied[channel] = 0.5 * (before + node.actual[channel])
@@ -109,8 +90,8 @@ def settle(  # noqa: PLR0917
 @njit
 def show(node: ActuatorNode, corners: int, status: int, t_ns: int) -> None:
     """Set the status of ``corners``, unless they lie about it."""
-    if node.fault[0].places and most(node.fault, LYING, corners, t_ns) > 0.0:
-        status = STATUS_OK
+    if node.fault[0].places and most(node.fault, kernel.LYING, corners, t_ns) > 0.0:
+        status = kernel.STATUS_OK
     set_status(node, corners, status)
 
 
@@ -190,8 +171,8 @@ def _valve_current(node: ActuatorNode, axle: int, actual: float, t_ns: int) -> f
     parameters, loop = node.hydraulics, TORQUE_LOOP
     demand = node.demand[axle]
     if node.fault[0].places:
-        loop /= factor(node.fault, SLOW, AXLE << 2 * axle, t_ns)
-        demand *= 1.0 - 2.0 * most(node.fault, REVERSED, AXLE << 2 * axle, t_ns)
+        loop /= factor(node.fault, kernel.SLOW, AXLE << 2 * axle, t_ns)
+        demand *= 1.0 - 2.0 * most(node.fault, kernel.REVERSED, AXLE << 2 * axle, t_ns)
     if not follows(node):
         return hydraulics.torque_loop(parameters, loop, 0.0, actual)
     if not node.held:
@@ -213,24 +194,24 @@ def _valve_axle(node: ActuatorNode, axle: int, outputs: Vector, inputs: Vector, 
     wanted = _valve_current(node, axle, before, t_ns)
     limit = node.current_limit
     current = clip(wanted, limit)
-    status = STATUS_OK if current == wanted else STATUS_LIMITED
+    status = kernel.STATUS_OK if current == wanted else kernel.STATUS_LIMITED
     locked = not node.powered
     if node.fault[0].places:
-        derated = limit * factor(node.fault, DERATING, corners, t_ns)
+        derated = limit * factor(node.fault, kernel.DERATING, corners, t_ns)
         if abs(current) > derated:
-            current, status = clip(current, derated), STATUS_LIMITED
-        share = factor(node.fault, WEAK, corners, t_ns)
+            current, status = clip(current, derated), kernel.STATUS_LIMITED
+        share = factor(node.fault, kernel.WEAK, corners, t_ns)
         if share != 1.0:
-            current, status = share * current, STATUS_LIMITED
-        runaway = total(node.fault, RUNAWAY, corners, t_ns)
+            current, status = share * current, kernel.STATUS_LIMITED
+        runaway = total(node.fault, kernel.RUNAWAY, corners, t_ns)
         current = clip(current + limit * runaway, limit)
-        locked = locked or most(node.fault, DEAD, corners, t_ns) > 0.0
-        if most(node.fault, STUCK, corners, t_ns) > 0.0:
-            current, status = 0.0, STATUS_STUCK
-        if most(node.fault, FLOATING, corners, t_ns) > 0.0:
-            locked, status = True, STATUS_FLOATING
+        locked = locked or most(node.fault, kernel.DEAD, corners, t_ns) > 0.0
+        if most(node.fault, kernel.STUCK, corners, t_ns) > 0.0:
+            current, status = 0.0, kernel.STATUS_STUCK
+        if most(node.fault, kernel.FLOATING, corners, t_ns) > 0.0:
+            locked, status = True, kernel.STATUS_FLOATING
     if not node.powered:
-        status = STATUS_FLOATING
+        status = kernel.STATUS_FLOATING
     if locked:
         current = 0.0
     if node.integrated:
@@ -246,7 +227,7 @@ def _valve_axle(node: ActuatorNode, axle: int, outputs: Vector, inputs: Vector, 
         roll = (outputs[ports.TRAVEL + left] - outputs[ports.TRAVEL + left + 1]) / span
         rate = (outputs[ports.TRAVEL_RATE + left] - outputs[ports.TRAVEL_RATE + left + 1]) / span
         if hydraulics.advance(motor, parameters, current, roll, rate):
-            status = max(status, STATUS_LIMITED)
+            status = max(status, kernel.STATUS_LIMITED)
     after = hydraulics.active_moment(parameters, motor[hydraulics.ANGLE])
     node.applied[axle] = 0.5 * (before + after)
     inputs[ports.BAR_MOMENT_FRONT + axle] = node.applied[axle]
@@ -263,11 +244,11 @@ def _valves(node: ActuatorNode, outputs: Vector, inputs: Vector, t_ns: int) -> N
 @njit
 def _commanded(node: ActuatorNode, axle: int) -> float:
     """Moment of an axle (N·m) that its command asks for, within the limit; currents: unknown."""
-    if node.kind == SUSPENSION:
+    if node.kind == kernel.SUSPENSION:
         left = clip(node.demand[2 * axle], node.limit)
         right = clip(node.demand[2 * axle + 1], node.limit)
         return float(node.half_track[axle] * (left - right))
-    if node.kind == BARS:
+    if node.kind == kernel.BARS:
         return clip(node.demand[axle], node.limit)
     return float(node.estimate[axle])
 
@@ -276,16 +257,16 @@ def _commanded(node: ActuatorNode, axle: int) -> float:
 def act(node: ActuatorNode, outputs: Vector, inputs: Vector, t_ns: int) -> None:
     """Fill the actuator slots of ``inputs`` for the step that begins at ``t_ns``."""
     kind = node.kind
-    if kind == SUSPENSION:
+    if kind == kernel.SUSPENSION:
         _suspension(node, outputs, inputs, t_ns)
-    elif kind == BARS:
+    elif kind == kernel.BARS:
         _bars(node, inputs, t_ns)
-    elif kind == DAMPERS:
+    elif kind == kernel.DAMPERS:
         _dampers(node, outputs, inputs, t_ns)
     else:
         _valves(node, outputs, inputs, t_ns)
     for axle in range(2):
-        if kind in (SUSPENSION, DAMPERS):
+        if kind in (kernel.SUSPENSION, kernel.DAMPERS):
             left = ports.CORNER_FORCE + 2 * axle
             total = node.half_track[axle] * (inputs[left] - inputs[left + 1])
         else:
@@ -294,6 +275,6 @@ def act(node: ActuatorNode, outputs: Vector, inputs: Vector, t_ns: int) -> None:
         error = node.estimate_gain * total - node.estimate[axle]
         node.estimate[axle] += node.estimate_lag * error
         if node.fault[0].places and node.held:
-            lying = most(node.fault, LYING, AXLE << 2 * axle, t_ns)
+            lying = most(node.fault, kernel.LYING, AXLE << 2 * axle, t_ns)
             if lying > 0.0:
                 node.estimate[axle] = _commanded(node, axle)
