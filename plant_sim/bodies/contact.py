@@ -20,39 +20,17 @@ the cost of one. The forces of the tyres, whose curves are no such code, have a 
 """
 
 from math import cos, sin, sqrt
+from typing import Any, TypeAlias
+
+import numpy as np
 
 from canroll.typing import Vector
 from plant_sim.bodies import curves, ports, tyre
-from plant_sim.bodies.held import (
-    DRIVE,
-    STEER_COS,
-    STEER_SIN,
-    STEERED,
-)
-from plant_sim.bodies.kinematics import (
-    COS,
-    COS_PITCH,
-    COS_ROLL,
-    FORCE_X,
-    FORCE_Y,
-    FORCE_Z,
-    HUB_VX,
-    HUB_VY,
-    HUB_VZ,
-    HUB_Y,
-    HUB_Z,
-    MOMENT_X,
-    MOMENT_Y,
-    MOMENT_Z,
-    RATE,
-    SIN,
-    SIN_PITCH,
-    SIN_ROLL,
-    TILT_RATE,
-    of_axle,
-)
+from plant_sim.bodies.held import DRIVE, STEER_COS, STEER_SIN, STEERED
+from plant_sim.bodies.kinematics import Forces, Motion, of_axle
 from plant_sim.bodies.parameters import Car
-from plant_sim.kernels.jit import inlined, stack_vector
+from plant_sim.kernels.jit import inlined, record_of, stack_vector
+from plant_sim.kernels.records import fields
 
 SLOWEST = 4.0
 """Speed (m/s) below which slips are no longer referred to the wheel's own speed."""
@@ -68,29 +46,19 @@ LOAD, LONGITUDINAL, LATERAL, COUPLE, FORWARD, LEFT, GAP, SHAFT, SPIN_RATE, SLIP_
 )
 N_CONTACT = 40
 
-# Scratch, four each: places of the hub from P's foot (z: from P) and of the contact from the hub,
-# wheel axis, angular velocity of the axle, slip ratio, sine of the inclination with camber, forces
-# and moment of the tyre.
-(
-    X,
-    Y,
-    Z,
-    DX,
-    DY,
-    DZ,
-    AXIS_X,
-    AXIS_Y,
-    AXIS_Z,
-    TURN_X,
-    TURN_Z,
-    LONGER,
-    SLIP_RATIO,
-    INCLINATION,
-    AHEAD,
-    ASIDE,
-    ALIGNING,
-) = range(0, 68, 4)
-_scratch = stack_vector(68)
+SCRATCH = np.dtype(
+    fields(
+        "f8",
+        "x y z dx dy dz axis_x axis_y axis_z turn_x turn_z longer slip_ratio inclination ahead "
+        "aside aligning",
+        4,
+    )
+)
+"""Places of the hub from P's foot (z: from P) and of the contact from the hub, wheel axis, angular
+velocity of the axle, slip ratio, sine of the inclination with camber, forces and moment of the
+tyre."""
+Scratch: TypeAlias = Any
+_scratch, _scratch_of = stack_vector(SCRATCH.itemsize // 8), record_of(SCRATCH)
 
 
 @inlined
@@ -107,18 +75,18 @@ def _touch(  # noqa: PLR0917
     slips: Vector,
     held: Vector,
     car: Car,
-    motion: Vector,
-    scratch: Vector,
+    motion: Motion,
+    scratch: Scratch,
     contact: Vector,
 ) -> None:
     """Fill places and speeds, loads and slips; P is ``height`` (m) above the plane."""
-    c, s = motion[COS_PITCH], motion[SIN_PITCH]
-    ox, oy, oz = motion[RATE], motion[RATE + 1], motion[RATE + 2]
+    c, s = motion.cos_pitch, motion.sin_pitch
+    ox, oy, oz = motion.rate[0], motion.rate[1], motion.rate[2]
     for wheel in range(4):
-        c_tilt, s_tilt = of_axle(motion, COS, wheel), of_axle(motion, SIN, wheel)
-        wx = ox + of_axle(motion, TILT_RATE, wheel)
-        x, y, z = car.distance[wheel], motion[HUB_Y + wheel], motion[HUB_Z + wheel]
-        vx, vy, vz = motion[HUB_VX + wheel], motion[HUB_VY + wheel], motion[HUB_VZ + wheel]
+        c_tilt, s_tilt = of_axle(motion.cos, wheel), of_axle(motion.sin, wheel)
+        wx = ox + of_axle(motion.tilt_rate, wheel)
+        x, y, z = car.distance[wheel], motion.hub_y[wheel], motion.hub_z[wheel]
+        vx, vy, vz = motion.hub_vx[wheel], motion.hub_vy[wheel], motion.hub_vz[wheel]
         ex, ez = -held[STEER_SIN + wheel], held[STEER_COS + wheel] * s_tilt
         ey = held[STEER_COS + wheel] * c_tilt
         # from the pitched to the heading frame
@@ -143,15 +111,15 @@ def _touch(  # noqa: PLR0917
         along, across = (vx * ey - vy * ex) * longer, (vx * ex + vy * ey) * longer
         reference = max(abs(along), SLOWEST)
         slip_speed = spins[wheel] * car.radius[wheel] - along
-        scratch[SLIP_RATIO + wheel] = slip_speed / reference
+        scratch.slip_ratio[wheel] = slip_speed / reference
         rolling = max(abs(along), SLOWEST_ROLLING) * car.per_relaxation[wheel]
         contact[SLIP_RATE + wheel] = rolling * (-across / reference - slips[wheel])
         contact[LOAD + wheel], contact[GAP + wheel] = load, max(-compressed, 0.0)
-        scratch[X + wheel], scratch[Y + wheel], scratch[Z + wheel] = x, y, z
-        scratch[DX + wheel], scratch[DY + wheel], scratch[DZ + wheel] = dx, dy, dz
-        scratch[AXIS_X + wheel], scratch[AXIS_Y + wheel], scratch[AXIS_Z + wheel] = ex, ey, ez
-        scratch[TURN_X + wheel], scratch[TURN_Z + wheel] = wx, wz
-        scratch[LONGER + wheel] = longer
+        scratch.x[wheel], scratch.y[wheel], scratch.z[wheel] = x, y, z
+        scratch.dx[wheel], scratch.dy[wheel], scratch.dz[wheel] = dx, dy, dz
+        scratch.axis_x[wheel], scratch.axis_y[wheel], scratch.axis_z[wheel] = ex, ey, ez
+        scratch.turn_x[wheel], scratch.turn_z[wheel] = wx, wz
+        scratch.longer[wheel] = longer
 
 
 @inlined
@@ -159,29 +127,29 @@ def _push(  # noqa: PLR0917
     spins: Vector,
     held: Vector,
     car: Car,
-    motion: Vector,
-    scratch: Vector,
-    forces: Vector,
+    motion: Motion,
+    scratch: Scratch,
+    forces: Forces,
     contact: Vector,
 ) -> None:
     """Add forces and moments on the axle, from the tyres and the spinning wheels."""
-    c, s, oy = motion[COS_PITCH], motion[SIN_PITCH], motion[RATE + 1]
+    c, s, oy = motion.cos_pitch, motion.sin_pitch, motion.rate[1]
     for wheel in range(4):
         radius, inertia = car.radius[wheel], car.spin_inertia[wheel]
         load, spin = contact[LOAD + wheel], spins[wheel]
-        ahead, aside = scratch[AHEAD + wheel], scratch[ASIDE + wheel]
+        ahead, aside = scratch.ahead[wheel], scratch.aside[wheel]
         # no step at standstill
         towards = spin / max(abs(spin), 1.0)
         resistance = car.rolling_resistance[wheel] * load * towards
         torque = (held[DRIVE + wheel] - held[ports.BRAKE_FORCE + wheel] * towards) * radius
         rolled = (ahead + resistance) * radius
-        ex, ey, ez = scratch[AXIS_X + wheel], scratch[AXIS_Y + wheel], scratch[AXIS_Z + wheel]
-        dx, dy, dz = scratch[DX + wheel], scratch[DY + wheel], scratch[DZ + wheel]
-        x, y, z = scratch[X + wheel], scratch[Y + wheel], scratch[Z + wheel]
-        wx, wz, longer = scratch[TURN_X + wheel], scratch[TURN_Z + wheel], scratch[LONGER + wheel]
+        ex, ey, ez = scratch.axis_x[wheel], scratch.axis_y[wheel], scratch.axis_z[wheel]
+        dx, dy, dz = scratch.dx[wheel], scratch.dy[wheel], scratch.dz[wheel]
+        x, y, z = scratch.x[wheel], scratch.y[wheel], scratch.z[wheel]
+        wx, wz, longer = scratch.turn_x[wheel], scratch.turn_z[wheel], scratch.longer[wheel]
         fx, fy = (ahead * ey + aside * ex) * longer, (aside * ey - ahead * ex) * longer
         mx, my, mz = dy * load - dz * fy, dz * fx - dx * load, dx * fy - dy * fx
-        mz += scratch[ALIGNING + wheel]
+        mz += scratch.aligning[wheel]
         about = ex * mx + ey * my + ez * mz
         # the wheel turns freely but for the shaft's torque; as a gyrostat it resists
         free, spun = about + torque, inertia * spin
@@ -189,12 +157,12 @@ def _push(  # noqa: PLR0917
         my += z * fx - x * load - free * ey - spun * (wz * ex - wx * ez)
         mz += x * fy - y * fx - free * ez - spun * (wx * ey - oy * ex)
         # from the heading to the pitched frame
-        forces[FORCE_X + wheel] += c * fx - s * load
-        forces[FORCE_Y + wheel] += fy
-        forces[FORCE_Z + wheel] += s * fx + c * load
-        forces[MOMENT_X + wheel] += c * mx - s * mz
-        forces[MOMENT_Y + wheel] += my
-        forces[MOMENT_Z + wheel] += s * mx + c * mz
+        forces.force_x[wheel] += c * fx - s * load
+        forces.force_y[wheel] += fy
+        forces.force_z[wheel] += s * fx + c * load
+        forces.moment_x[wheel] += c * mx - s * mz
+        forces.moment_y[wheel] += my
+        forces.moment_z[wheel] += s * mx + c * mz
         contact[LONGITUDINAL + wheel], contact[LATERAL + wheel] = ahead, aside
         contact[FORWARD + wheel], contact[LEFT + wheel] = fx, fy
         contact[COUPLE + wheel], contact[SHAFT + wheel] = -rolled - about, torque
@@ -208,7 +176,7 @@ def _inwards(wheel: int) -> float:
 
 
 @inlined
-def _angle(kind: int, wheel: int, travels: Vector, car: Car, scratch: Vector) -> float:
+def _angle(kind: int, wheel: int, travels: Vector, car: Car, scratch: Scratch) -> float:
     """Toe or camber (rad) of a wheel under the forces so far, positive as a turn to the left."""
     inwards = _inwards(wheel)
     return inwards * curves.angle(
@@ -216,22 +184,22 @@ def _angle(kind: int, wheel: int, travels: Vector, car: Car, scratch: Vector) ->
         car.points,
         kind,
         travels[wheel],
-        inwards * scratch[ASIDE + wheel],
-        inwards * scratch[ALIGNING + wheel],
+        inwards * scratch.aside[wheel],
+        inwards * scratch.aligning[wheel],
     )
 
 
 @inlined
-def _given_way(car: Car, scratch: Vector) -> float:
+def _given_way(car: Car, scratch: Scratch) -> float:
     """Turn (rad) of both front wheels to the left under the moments about their kingpins."""
-    moments = scratch[ALIGNING] + scratch[ALIGNING + 1]
-    moments -= car.caster_trail * (scratch[ASIDE] + scratch[ASIDE + 1])
+    moments = scratch.aligning[0] + scratch.aligning[1]
+    moments -= car.caster_trail * (scratch.aside[0] + scratch.aside[1])
     turn: float = car.steering_compliance * moments
     return turn
 
 
 @inlined
-def _steer(travels: Vector, held: Vector, car: Car, scratch: Vector) -> None:
+def _steer(travels: Vector, held: Vector, car: Car, scratch: Scratch) -> None:
     """Turn the wheels by their toe and by what the steering gives way."""
     given_way = _given_way(car, scratch)
     for wheel in range(4):
@@ -242,35 +210,35 @@ def _steer(travels: Vector, held: Vector, car: Car, scratch: Vector) -> None:
 
 
 @inlined
-def _incline(travels: Vector, held: Vector, car: Car, motion: Vector, scratch: Vector) -> None:
+def _incline(travels: Vector, held: Vector, car: Car, motion: Motion, scratch: Scratch) -> None:
     """Lean the wheels for their tyres by their camber."""
     for wheel in range(4):
-        c, s = of_axle(motion, COS, wheel), of_axle(motion, SIN, wheel)
+        c, s = of_axle(motion.cos, wheel), of_axle(motion.sin, wheel)
         if car.axle[wheel // 2].rows[curves.CAMBER] > 0.0:
-            c, s = motion[COS_ROLL], motion[SIN_ROLL]
+            c, s = motion.cos_roll, motion.sin_roll
         camber = _angle(curves.CAMBER, wheel, travels, car, scratch)
         up = (s * cos(camber) + c * sin(camber)) * held[STEER_COS + wheel]
-        up = motion[COS_PITCH] * up + motion[SIN_PITCH] * held[STEER_SIN + wheel]
-        scratch[INCLINATION + wheel] = up
+        up = motion.cos_pitch * up + motion.sin_pitch * held[STEER_SIN + wheel]
+        scratch.inclination[wheel] = up
 
 
 @inlined
 def _pull(  # noqa: PLR0917
-    inclination: int, slips: Vector, held: Vector, car: Car, scratch: Vector, contact: Vector
+    inclination: Vector, slips: Vector, held: Vector, car: Car, scratch: Scratch, contact: Vector
 ) -> None:
-    """Fill the forces of the tyres, inclined by that slot of ``scratch``."""
+    """Fill the forces of the tyres, inclined by those sines."""
     for wheel in range(4):
         ahead, aside, aligning = tyre.forces(
             car.axle[wheel // 2],
             contact[LOAD + wheel],
-            scratch[SLIP_RATIO + wheel],
+            scratch.slip_ratio[wheel],
             slips[wheel],
-            scratch[inclination + wheel],
+            inclination[wheel],
             held[ports.FRICTION] + held[ports.WHEEL_FRICTION + wheel],
             1.0 - 2.0 * (wheel % 2),
         )
-        scratch[AHEAD + wheel], scratch[ASIDE + wheel] = ahead, aside
-        scratch[ALIGNING + wheel] = aligning
+        scratch.ahead[wheel], scratch.aside[wheel] = ahead, aside
+        scratch.aligning[wheel] = aligning
 
 
 @inlined
@@ -281,21 +249,21 @@ def road_forces(  # noqa: PLR0917
     slips: Vector,
     held: Vector,
     car: Car,
-    motion: Vector,
-    forces: Vector,
+    motion: Motion,
+    forces: Forces,
     contact: Vector,
 ) -> None:
     """Add the road's ``forces`` on both axles and fill the ``contact`` of the wheels."""
-    scratch, height = _scratch(), car.axis_height + heave
+    scratch, height = _scratch_of(_scratch()), car.axis_height + heave
     if car.attitudes > 0.0:
         for wheel in range(4):
-            scratch[ASIDE + wheel], scratch[ALIGNING + wheel] = 0.0, 0.0
+            scratch.aside[wheel], scratch.aligning[wheel] = 0.0, 0.0
         for _ in range(int(car.attitudes)):
             _steer(travels, held, car, scratch)
             _touch(height, spins, slips, held, car, motion, scratch, contact)
             _incline(travels, held, car, motion, scratch)
-            _pull(INCLINATION, slips, held, car, scratch, contact)
+            _pull(scratch.inclination, slips, held, car, scratch, contact)
     else:
         _touch(height, spins, slips, held, car, motion, scratch, contact)
-        _pull(AXIS_Z, slips, held, car, scratch, contact)
+        _pull(scratch.axis_z, slips, held, car, scratch, contact)
     _push(spins, held, car, motion, scratch, forces, contact)

@@ -10,18 +10,15 @@ equations in A and the body's three. All this depends on places only, not on for
 can be at it while it waits for those.
 """
 
+from typing import Any, TypeAlias
+
+import numpy as np
+
 from canroll.typing import Vector
-from plant_sim.bodies.kinematics import (
-    ARM_Y,
-    ARM_Z,
-    COS_ROLL,
-    HUB_Y,
-    HUB_Z,
-    PER_YAW,
-    SIN_ROLL,
-)
+from plant_sim.bodies.kinematics import Motion
 from plant_sim.bodies.parameters import Car
-from plant_sim.kernels.jit import inlined, stack_vector
+from plant_sim.kernels.jit import inlined, record_of, stack_vector
+from plant_sim.kernels.records import fields
 
 # The base's unknowns: A (3), then these q'' of the body.
 PITCH, YAW, ROLL, BASE = 3, 4, 5, 6
@@ -30,85 +27,71 @@ PITCH, YAW, ROLL, BASE = 3, 4, 5, 6
 # tilt with the slide, per mass of this.
 MATRIX, ON_SLIDE, ON_TILT, PER_SLIDE, PER_TILT, LEAN, N_FACTORS = 0, 36, 48, 60, 62, 64, 66
 
-# Scratch, four each, of the hubs: mass moments and products of the partial velocities.
-(
-    X,
-    Y,
-    Z,
-    YAW_X,
-    YAW_Y,
-    YAW_Z,
-    PITCH_PITCH,
-    YAW_PITCH,
-    YAW_YAW,
-    ROLL_PITCH,
-    ROLL_YAW,
-    ROLL_ROLL,
-    SLIDE_YAW,
-    SLIDE_ROLL,
-    TILT_Y,
-    TILT_Z,
-    TILT_PITCH,
-    TILT_YAW,
-    TILT_ROLL,
-    TILT_SLIDE,
-    TILT_TILT,
-) = range(0, 84, 4)
-_hubs = stack_vector(84)
+HUBS = np.dtype(
+    fields(
+        "f8",
+        "x y z yaw_x yaw_y yaw_z pitch_pitch yaw_pitch yaw_yaw roll_pitch roll_yaw roll_roll "
+        "slide_yaw slide_roll tilt_y tilt_z tilt_pitch tilt_yaw tilt_roll tilt_slide tilt_tilt",
+        4,
+    )
+)
+"""Scratch of the hubs: mass moments and products of the partial velocities."""
+Hubs: TypeAlias = Any
+_hubs, _hubs_of = stack_vector(HUBS.itemsize // 8), record_of(HUBS)
 
 
 @inlined
-def of_all(hubs: Vector, slot: int) -> float:
+def of_all(four: Vector) -> float:
     """Sum over the four hubs."""
-    total: float = (hubs[slot] + hubs[slot + 1]) + (hubs[slot + 2] + hubs[slot + 3])
+    total: float = (four[0] + four[1]) + (four[2] + four[3])
     return total
 
 
 @inlined
-def of_pair(hubs: Vector, slot: int, axle: int) -> float:
+def of_pair(four: Vector, axle: int) -> float:
     """Sum over an axle's two hubs."""
-    total: float = hubs[slot + 2 * axle] + hubs[slot + 2 * axle + 1]
+    total: float = four[2 * axle] + four[2 * axle + 1]
     return total
 
 
 @inlined
-def _base(motion: Vector, car: Car, hubs: Vector, factors: Vector) -> None:
+def _base(motion: Motion, car: Car, hubs: Hubs, factors: Vector) -> None:
     """Fill the lower triangle for A and the body's own motion, all masses on it."""
-    c_roll, s_roll = motion[COS_ROLL], motion[SIN_ROLL]
-    tx, ty, tz = motion[PER_YAW], motion[PER_YAW + 1], motion[PER_YAW + 2]
+    c_roll, s_roll = motion.cos_roll, motion.sin_roll
+    tx, ty, tz = motion.per_yaw[0], motion.per_yaw[1], motion.per_yaw[2]
     mass, y, z = car.sprung_mass, -car.arm * s_roll, car.arm * c_roll
     jx = car.roll_inertia
     jyy, jyz, jzz = inertia(motion, car)
     turn_y, turn_z = jyy * ty + jyz * tz, jyz * ty + jzz * tz
     yaw_x, yaw_y, yaw_z = ty * z - tz * y, -tx * z, tx * y
     my, mz = mass * y, mass * z
-    sum_x, sum_y, sum_z = of_all(hubs, X), my + of_all(hubs, Y), mz + of_all(hubs, Z)
+    sum_x, sum_y, sum_z = of_all(hubs.x), my + of_all(hubs.y), mz + of_all(hubs.z)
     for k in range(BASE * BASE):
         factors[MATRIX + k] = 0.0
     for k in range(3):
         factors[MATRIX + BASE * k + k] = car.mass
     row = MATRIX + BASE * PITCH
     factors[row], factors[row + 2] = sum_z, -sum_x
-    factors[row + PITCH] = jyy + mz * z + of_all(hubs, PITCH_PITCH)
+    factors[row + PITCH] = jyy + mz * z + of_all(hubs.pitch_pitch)
     row = MATRIX + BASE * YAW
-    factors[row] = mass * yaw_x + of_all(hubs, YAW_X)
-    factors[row + 1] = mass * yaw_y + of_all(hubs, YAW_Y)
-    factors[row + 2] = mass * yaw_z + of_all(hubs, YAW_Z)
-    factors[row + PITCH] = turn_y + mz * yaw_x + of_all(hubs, YAW_PITCH)
+    factors[row] = mass * yaw_x + of_all(hubs.yaw_x)
+    factors[row + 1] = mass * yaw_y + of_all(hubs.yaw_y)
+    factors[row + 2] = mass * yaw_z + of_all(hubs.yaw_z)
+    factors[row + PITCH] = turn_y + mz * yaw_x + of_all(hubs.yaw_pitch)
     square = yaw_x * yaw_x + yaw_y * yaw_y + yaw_z * yaw_z
     turning = tx * jx * tx + ty * turn_y + tz * turn_z
-    factors[row + YAW] = turning + mass * square + of_all(hubs, YAW_YAW)
+    factors[row + YAW] = turning + mass * square + of_all(hubs.yaw_yaw)
     row = MATRIX + BASE * ROLL
     factors[row + 1], factors[row + 2] = -sum_z, sum_y
-    factors[row + PITCH] = of_all(hubs, ROLL_PITCH)
-    factors[row + YAW] = jx * tx + my * yaw_z - mz * yaw_y + of_all(hubs, ROLL_YAW)
-    factors[row + ROLL] = jx + my * y + mz * z + of_all(hubs, ROLL_ROLL)
+    factors[row + PITCH] = of_all(hubs.roll_pitch)
+    factors[row + YAW] = jx * tx + my * yaw_z - mz * yaw_y + of_all(hubs.roll_yaw)
+    factors[row + ROLL] = jx + my * y + mz * z + of_all(hubs.roll_roll)
 
 
 @inlined
-def inertia(motion: Vector, car: Car) -> tuple[float, float, float]:
+def inertia(motion: Motion, car: Car) -> tuple[float, float, float]:
     """yy, yz and zz of the sprung body's inertia about its CG, in the pitched frame."""
-    c_roll, s_roll = motion[COS_ROLL], motion[SIN_ROLL]
+    c_roll, s_roll = motion.cos_roll, motion.sin_roll
     pitch, yaw = car.pitch_inertia, car.yaw_inertia
     return (
         pitch * c_roll * c_roll + yaw * s_roll * s_roll,
@@ -118,23 +101,23 @@ def inertia(motion: Vector, car: Car) -> tuple[float, float, float]:
 
 
 @inlined
-def _eliminate(motion: Vector, car: Car, hubs: Vector, factors: Vector) -> None:
+def _eliminate(motion: Motion, car: Car, hubs: Hubs, factors: Vector) -> None:
     """Fill the axles' part and take their unknowns out of the base's; factor what is left."""
-    c_roll, s_roll = motion[COS_ROLL], motion[SIN_ROLL]
+    c_roll, s_roll = motion.cos_roll, motion.sin_roll
     for axle in range(2):
         slide, tilt, mass = ON_SLIDE + BASE * axle, ON_TILT + BASE * axle, car.axle[axle].unsprung
         factors[slide + 1], factors[slide + 2] = -mass * s_roll, mass * c_roll
-        factors[slide + PITCH] = -of_pair(hubs, X, axle) * c_roll
-        factors[slide + YAW] = of_pair(hubs, SLIDE_YAW, axle)
-        factors[slide + ROLL] = of_pair(hubs, SLIDE_ROLL, axle)
-        factors[tilt + 1] = of_pair(hubs, TILT_Y, axle)
-        factors[tilt + 2] = of_pair(hubs, TILT_Z, axle)
-        factors[tilt + PITCH] = of_pair(hubs, TILT_PITCH, axle)
-        factors[tilt + YAW] = of_pair(hubs, TILT_YAW, axle)
-        factors[tilt + ROLL] = of_pair(hubs, TILT_ROLL, axle)
-        coupling, per_slide = of_pair(hubs, TILT_SLIDE, axle), 1.0 / mass
+        factors[slide + PITCH] = -of_pair(hubs.x, axle) * c_roll
+        factors[slide + YAW] = of_pair(hubs.slide_yaw, axle)
+        factors[slide + ROLL] = of_pair(hubs.slide_roll, axle)
+        factors[tilt + 1] = of_pair(hubs.tilt_y, axle)
+        factors[tilt + 2] = of_pair(hubs.tilt_z, axle)
+        factors[tilt + PITCH] = of_pair(hubs.tilt_pitch, axle)
+        factors[tilt + YAW] = of_pair(hubs.tilt_yaw, axle)
+        factors[tilt + ROLL] = of_pair(hubs.tilt_roll, axle)
+        coupling, per_slide = of_pair(hubs.tilt_slide, axle), 1.0 / mass
         lean = per_slide * coupling
-        per_tilt = 1.0 / (of_pair(hubs, TILT_TILT, axle) - lean * coupling)
+        per_tilt = 1.0 / (of_pair(hubs.tilt_tilt, axle) - lean * coupling)
         factors[PER_SLIDE + axle], factors[PER_TILT + axle] = per_slide, per_tilt
         factors[LEAN + axle] = lean
         # neither slide nor tilt moves the axle along x
@@ -166,35 +149,35 @@ def _eliminate(motion: Vector, car: Car, hubs: Vector, factors: Vector) -> None:
 
 
 @inlined
-def factor(motion: Vector, car: Car, factors: Vector) -> None:
+def factor(motion: Motion, car: Car, factors: Vector) -> None:
     """Fill the ``factors`` (N_FACTORS) of the mass matrix."""
-    hubs = _hubs()
-    c_roll, s_roll = motion[COS_ROLL], motion[SIN_ROLL]
-    tx, ty, tz = motion[PER_YAW], motion[PER_YAW + 1], motion[PER_YAW + 2]
+    hubs = _hubs_of(_hubs())
+    c_roll, s_roll = motion.cos_roll, motion.sin_roll
+    tx, ty, tz = motion.per_yaw[0], motion.per_yaw[1], motion.per_yaw[2]
     for wheel in range(4):
         mass = car.hub_mass[wheel]
-        x, y, z = car.distance[wheel], motion[HUB_Y + wheel], motion[HUB_Z + wheel]
-        arm_y, arm_z = motion[ARM_Y + wheel], motion[ARM_Z + wheel]
+        x, y, z = car.distance[wheel], motion.hub_y[wheel], motion.hub_z[wheel]
+        arm_y, arm_z = motion.arm_y[wheel], motion.arm_z[wheel]
         yaw_x, yaw_y, yaw_z = ty * z - tz * y, tz * x - tx * z, tx * y - ty * x
         mx, my, mz = mass * x, mass * y, mass * z
         tilt_y, tilt_z = -mass * arm_z, mass * arm_y
-        hubs[X + wheel], hubs[Y + wheel], hubs[Z + wheel] = mx, my, mz
-        hubs[YAW_X + wheel], hubs[YAW_Y + wheel] = mass * yaw_x, mass * yaw_y
-        hubs[YAW_Z + wheel] = mass * yaw_z
-        hubs[PITCH_PITCH + wheel] = mz * z + mx * x
-        hubs[YAW_PITCH + wheel] = mz * yaw_x - mx * yaw_z
-        hubs[YAW_YAW + wheel] = mass * (yaw_x * yaw_x + yaw_y * yaw_y + yaw_z * yaw_z)
-        hubs[ROLL_PITCH + wheel] = -mx * y
-        hubs[ROLL_YAW + wheel] = my * yaw_z - mz * yaw_y
-        hubs[ROLL_ROLL + wheel] = my * y + mz * z
-        hubs[SLIDE_YAW + wheel] = mass * (yaw_z * c_roll - yaw_y * s_roll)
-        hubs[SLIDE_ROLL + wheel] = my * c_roll + mz * s_roll
-        hubs[TILT_SLIDE + wheel] = tilt_z * c_roll - tilt_y * s_roll
-        hubs[TILT_Y + wheel], hubs[TILT_Z + wheel] = tilt_y, tilt_z
-        hubs[TILT_PITCH + wheel] = -tilt_z * x
-        hubs[TILT_YAW + wheel] = tilt_y * yaw_y + tilt_z * yaw_z
-        hubs[TILT_ROLL + wheel] = tilt_z * y - tilt_y * z
-        hubs[TILT_TILT + wheel] = tilt_z * arm_y - tilt_y * arm_z
+        hubs.x[wheel], hubs.y[wheel], hubs.z[wheel] = mx, my, mz
+        hubs.yaw_x[wheel], hubs.yaw_y[wheel] = mass * yaw_x, mass * yaw_y
+        hubs.yaw_z[wheel] = mass * yaw_z
+        hubs.pitch_pitch[wheel] = mz * z + mx * x
+        hubs.yaw_pitch[wheel] = mz * yaw_x - mx * yaw_z
+        hubs.yaw_yaw[wheel] = mass * (yaw_x * yaw_x + yaw_y * yaw_y + yaw_z * yaw_z)
+        hubs.roll_pitch[wheel] = -mx * y
+        hubs.roll_yaw[wheel] = my * yaw_z - mz * yaw_y
+        hubs.roll_roll[wheel] = my * y + mz * z
+        hubs.slide_yaw[wheel] = mass * (yaw_z * c_roll - yaw_y * s_roll)
+        hubs.slide_roll[wheel] = my * c_roll + mz * s_roll
+        hubs.tilt_slide[wheel] = tilt_z * c_roll - tilt_y * s_roll
+        hubs.tilt_y[wheel], hubs.tilt_z[wheel] = tilt_y, tilt_z
+        hubs.tilt_pitch[wheel] = -tilt_z * x
+        hubs.tilt_yaw[wheel] = tilt_y * yaw_y + tilt_z * yaw_z
+        hubs.tilt_roll[wheel] = tilt_z * y - tilt_y * z
+        hubs.tilt_tilt[wheel] = tilt_z * arm_y - tilt_y * arm_z
     _base(motion, car, hubs, factors)
     _eliminate(motion, car, hubs, factors)
 

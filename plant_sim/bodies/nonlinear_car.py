@@ -32,31 +32,12 @@ from plant_sim.bodies.contact import (
 )
 from plant_sim.bodies.held import N_HELD, TURN, UP, hold
 from plant_sim.bodies.integrate import rk4
-from plant_sim.bodies.kinematics import (
-    N_FORCES,
-    N_MOTION,
-    SLIDE,
-    TILT,
-    WIND_ROLL,
-    WIND_Y,
-    WIND_YAW,
-    place,
-)
+from plant_sim.bodies.kinematics import FORCES, MOTION, Forces, place
 from plant_sim.bodies.mass_matrix import N_FACTORS, factor
 from plant_sim.bodies.parameters import CAR, Car, build_parameters, car_of
 from plant_sim.bodies.ports import ROLLOVER_ANGLE, Body
-from plant_sim.bodies.rigid_car import (
-    BODY_ACC,
-    N_ACCELERATIONS,
-    PITCH_Q,
-    POINT_ACC,
-    ROLL_Q,
-    SLIDE_Q,
-    TILT_Q,
-    YAW_Q,
-    accelerate,
-)
-from plant_sim.kernels.jit import borrowed, cfunc, inlined, njit, stack_vector
+from plant_sim.bodies.rigid_car import ACCELERATIONS, accelerate
+from plant_sim.kernels.jit import borrowed, cfunc, inlined, njit, record_of, stack_vector
 from vehicles import GRAVITY, Vehicle
 
 X, Y, YAW, VX, VY, HEAVE_RATE = range(6)  # of P; its velocity in the heading frame
@@ -76,8 +57,10 @@ R_CORNER, R_ACC, R_BODY_ACC, N_RESULTS = N_CONTACT, N_CONTACT + 4, N_CONTACT + 6
 
 _results, _rates, _slides = stack_vector(N_RESULTS), stack_vector(N_STATES), stack_vector(8)
 _held, _factors = stack_vector(N_HELD), stack_vector(N_FACTORS)
-_motion, _forces = stack_vector(N_MOTION), stack_vector(N_FORCES)
-_accelerations = stack_vector(N_ACCELERATIONS)
+_motion, _motion_of = stack_vector(MOTION.itemsize // 8), record_of(MOTION)
+_forces, _forces_of = stack_vector(FORCES.itemsize // 8), record_of(FORCES)
+_accelerations = stack_vector(ACCELERATIONS.itemsize // 8)
+_accelerations_of = record_of(ACCELERATIONS)
 
 
 def build(vehicle: Vehicle, speed: float) -> tuple[Vector, Vector]:
@@ -90,7 +73,7 @@ def build(vehicle: Vehicle, speed: float) -> tuple[Vector, Vector]:
 
 
 @inlined
-def _suspension(state: Vector, held: Vector, car: Car, results: Vector, forces: Vector) -> None:
+def _suspension(state: Vector, held: Vector, car: Car, results: Vector, forces: Forces) -> None:
     """Fill the forces between body and wheels, along the travel; > 0 pushes them apart."""
     for k in range(2):
         axle, first = car.axle[k], 2 * k
@@ -105,23 +88,23 @@ def _suspension(state: Vector, held: Vector, car: Car, results: Vector, forces: 
             force += bar if side == 0 else -bar
             results[R_CORNER + wheel] = force + held[ports.CORNER_FORCE + wheel]
         a, b = results[R_CORNER + first], results[R_CORNER + first + 1]
-        forces[SLIDE + k] = -(a + b)
-        forces[TILT + k] = -axle.half_track * (a - b)
+        forces.slide[k] = -(a + b)
+        forces.tilt[k] = -axle.half_track * (a - b)
 
 
 @inlined
-def _wind(height: float, held: Vector, car: Car, forces: Vector) -> None:
+def _wind(height: float, held: Vector, car: Car, forces: Forces) -> None:
     """Fill the wind's side force and its moments about P, ``height`` (m) above the road."""
     force = held[ports.WIND_FORCE]
-    forces[WIND_Y] = force
-    forces[WIND_ROLL] = held[ports.WIND_ROLL] + height * force
-    forces[WIND_YAW] = held[ports.WIND_YAW] - car.offset * force
+    forces.wind_y = force
+    forces.wind_roll = held[ports.WIND_ROLL] + height * force
+    forces.wind_yaw = held[ports.WIND_YAW] - car.offset * force
 
 
 @inlined
 def _evaluate(state: Vector, held: Vector, car: Car, rate: Vector, results: Vector) -> None:
-    motion, slides, factors = _motion(), _slides(), _factors()
-    forces, accelerations = _forces(), _accelerations()
+    motion, slides, factors = _motion_of(_motion()), _slides(), _factors()
+    forces, accelerations = _forces_of(_forces()), _accelerations_of(_accelerations())
     for axle in range(2):
         left, right, per_track = TRAVEL + 2 * axle, TRAVEL + 2 * axle + 1, car.axle[axle].per_track
         for n in range(2):
@@ -154,16 +137,16 @@ def _evaluate(state: Vector, held: Vector, car: Car, rate: Vector, results: Vect
     rate[X] = foot_x * c_yaw - foot_y * s_yaw
     rate[Y] = foot_x * s_yaw + foot_y * c_yaw
     rate[YAW] = yaw_rate
-    rate[VX] = accelerations[POINT_ACC] + yaw_rate * vy - turn_y * vz
-    rate[VY] = accelerations[POINT_ACC + 1] - yaw_rate * vx + turn_x * vz
-    rate[HEAVE_RATE] = accelerations[POINT_ACC + 2] + turn_y * vx - turn_x * vy
-    rate[ROLL_RATE], rate[PITCH_RATE] = accelerations[ROLL_Q], accelerations[PITCH_Q]
-    rate[YAW_RATE] = accelerations[YAW_Q]
+    rate[VX] = accelerations.point_acc[0] + yaw_rate * vy - turn_y * vz
+    rate[VY] = accelerations.point_acc[1] - yaw_rate * vx + turn_x * vz
+    rate[HEAVE_RATE] = accelerations.point_acc[2] + turn_y * vx - turn_x * vy
+    rate[ROLL_RATE], rate[PITCH_RATE] = accelerations.roll_q, accelerations.pitch_q
+    rate[YAW_RATE] = accelerations.yaw_q
     rate[HEAVE], rate[ROLL], rate[PITCH] = vz, state[ROLL_RATE], state[PITCH_RATE]
     for wheel in range(4):
         axle = wheel // 2
         track = car.side[wheel]
-        slide, tilt = accelerations[SLIDE_Q + axle], accelerations[TILT_Q + axle]
+        slide, tilt = accelerations.slide_q[axle], accelerations.tilt_q[axle]
         rate[TRAVEL + wheel] = state[TRAVEL_RATE + wheel]
         rate[TRAVEL_RATE + wheel] = -(slide + track * tilt)
         rate[SPIN + wheel] = results[SPIN_RATE + wheel]
@@ -177,7 +160,7 @@ def _evaluate(state: Vector, held: Vector, car: Car, rate: Vector, results: Vect
         results[R_ACC + n] = share * pushed - GRAVITY * held[UP + n]
     results[R_ACC + 1] += share * held[ports.WIND_FORCE]
     for n in range(3):
-        results[R_BODY_ACC + n] = accelerations[BODY_ACC + n]
+        results[R_BODY_ACC + n] = accelerations.body_acc[n]
 
 
 @njit
