@@ -1,7 +1,6 @@
 """``canroll bus``: load, worst-case and simulated response times, a server for a traffic set."""
 
 import argparse
-import json
 import math
 from dataclasses import replace
 
@@ -13,7 +12,6 @@ from canroll.network.analysis import AnalysisOptions
 from canroll.network.recorded import Added, ExtendedLog
 from canroll.network.show import parts
 from canroll.network.sources import BusNetwork, BusReplay, TrafficSet
-from canroll.report.console import Console
 from canroll.setup.choices import CHOICES, check
 from codegen.generated.bus_map import MOST_LISTED
 from plant_sim.buses import BUSES
@@ -39,14 +37,9 @@ def run(args: argparse.Namespace) -> int:
         answers = source.analyse(_options(args), progress)
     for answer in answers:
         answer.check()
-    if args.json:
-        print(json.dumps(source.as_json(answers), indent=2))
-    else:
-        console = Console(highlight=False, markup=False)
-        for answer in answers:
-            for part in parts(answer):
-                console.print(part)
-    return int(any(answer.failed for answer in answers))
+    shown = (part for answer in answers for part in parts(answer))
+    good = not any(answer.failed for answer in answers)
+    return terminal.emit(args, source.as_json(answers), shown, good=good)
 
 
 def open_source(args: argparse.Namespace) -> TrafficSet | BusNetwork | ExtendedLog:

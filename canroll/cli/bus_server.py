@@ -18,7 +18,7 @@ def serve(traffic: Traffic, args: argparse.Namespace) -> None:
     Raises:
         CanrollError: it has CAN FD frames, or the port is taken.
     """
-    terminal.show_warnings(traffic.warnings)
+    terminal.show(terminal.warnings(traffic.warnings))
     fd = ", ".join(m.name for m in traffic.messages if m.flags & FD)
     if fd:
         raise CanrollError(

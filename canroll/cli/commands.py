@@ -17,7 +17,6 @@ COMMANDS: "Registry[Callable[[Parser], None]]" = Registry(
     {
         "run": "canroll.cli.run_parsers:run",
         "compare": "canroll.cli.run_parsers:compare",
-        "report": "canroll.cli.run_parsers:report",
         "design": "canroll.cli.design_parsers:design",
         "margins": "canroll.cli.design_parsers:margins",
         "prove": "canroll.cli.design_parsers:prove",
@@ -30,24 +29,26 @@ COMMANDS: "Registry[Callable[[Parser], None]]" = Registry(
         "export-c": "canroll.cli.design_parsers:export_c",
         "timing": "canroll.cli.design_parsers:timing",
         "list": "canroll.cli.listing:listing",
-        "completion": "canroll.cli.listing:completion",
     },
 )
 """What adds a command's options to its parser, by the command's name."""
 TASKS: Mapping[str, tuple[str, ...]] = {
-    "simulate": ("run", "compare", "report"),
+    "simulate": ("run", "compare"),
     "design": ("design", "margins", "prove"),
     "characterise a vehicle": ("handling",),
     "network": ("bus",),
     "hardware": ("hil", "ecu", "plant", "watch"),
     "export": ("export-c", "timing"),
-    "names": ("list", "completion"),
+    "names": ("list",),
 }
 """The commands by what they are for."""
 
 RENAMED: Mapping[str, str] = {
+    "attacks": "faults --catalogue attacks",
+    "completion": "list completion --shell SHELL",
     "design --runs": "compare --runs N",
     "limit": "handling limit SCENARIO",
+    "report": "run FOLDER",
     "response": "handling response",
     "severe": "compare --scenario severe --runs N",
     "sweep": "compare --speed FROM:TO:STEP",

@@ -1,8 +1,7 @@
 """``canroll design``: a law for a vehicle, verified and written as calibration.toml and C."""
 
 import argparse
-import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -12,6 +11,7 @@ from canroll.cli.options import (
     DEFAULT_OUT,
     choices_of,
 )
+from canroll.cli.terminal import Part
 from canroll.errors import CanrollError, writing
 from canroll.setup.bus_frames import profile_of, stage_of
 from canroll.setup.choices import check as check_choices
@@ -90,28 +90,22 @@ def run(args: argparse.Namespace) -> int:
         from gain_gen.monitors.detectability import of_calibration  # noqa: PLC0415
 
         rows = of_calibration(record, answer.task, box)
-    if args.json:
-        faults = [row.to_json() for row in rows]
-        written = {"detectability": faults, "files": [str(path) for path in files]}
-        print(json.dumps(summary(answer) | written))
-    else:
-        show(answer)
-        if args.verbose:
-            print()
-            terminal.show_table(design_view.others(answer))
-        if args.verbose or args.uncertainty:
-            terminal.show_titled(design_view.detectability(rows, box))
-        print(f"written: {', '.join(str(path) for path in files)}")
-    return 1 if answer.failures else 0
+    written = [str(path) for path in files]
+    data = summary(answer)
+    data |= {"detectability": [row.to_json() for row in rows], "files": written}
+    parts: list[Part] = [*shown(answer)]
+    parts += ["", design_view.others(answer)] if args.verbose else []
+    if args.verbose or args.uncertainty:
+        parts += terminal.titled(design_view.detectability(rows, box))
+    parts.append(f"written: {', '.join(written)}")
+    return terminal.emit(args, data, parts, good=not answer.failures)
 
 
-def show(answer: Design) -> None:
-    """Print gains, checks and warnings of a design."""
-    print("\n".join((*design_view.head(answer), "")))
-    terminal.show_table(design_view.checks(answer.verified))
-    margin = answer.max_delay - answer.task.delay.most
-    for line in design_view.over_draws(answer.margins, margin):
-        print(line)
+def shown(answer: Design) -> Iterator[Part]:
+    """Yield gains, checks and warnings of a design."""
+    yield from design_view.head(answer)
+    yield from ("", design_view.checks(answer.verified))
+    yield from design_view.over_draws(answer.margins, answer.max_delay - answer.task.delay.most)
     if not answer.is_verified:
-        print("NOT VERIFIED: written for comparison only")
-    terminal.show_warnings(answer.warnings)
+        yield "NOT VERIFIED: written for comparison only"
+    yield from terminal.warnings(answer.warnings)

@@ -1,7 +1,6 @@
 """``canroll design --compare``: every law designed for one task."""
 
 import argparse
-import json
 from dataclasses import replace
 from math import isfinite
 from typing import Any
@@ -21,14 +20,12 @@ def compare(args: argparse.Namespace, task: Task) -> int:
     answers = _designed(task)
     fitted = task.vehicle.fit is not None
     known = _designed(replace(task, vehicle=replace(task.vehicle, fit=None))) if fitted else {}
-    if args.json:
+    if args.json:  # rates of speed take long, and are not shown
         data = [_compared(law, answer) for law, answer in answers.items()]
         for entry in data if fitted else ():
-            law = entry["law"]
-            entry["if_known"] = _compared(law, known[law])
-        print(json.dumps(data))
-        return 0
-    print(
+            entry["if_known"] = _compared(entry["law"], known[entry["law"]])
+        return terminal.emit(args, data, ())
+    title = (
         f"{task.vehicle.name}, {task.actuator}, tick {1e3 * task.tick:g} ms, delay "
         f"{1e3 * task.delay.least:.4g} to {1e3 * task.delay.most:.4g} ms from sample to force"
     )
@@ -40,11 +37,9 @@ def compare(args: argparse.Namespace, task: Task) -> int:
         if_known = known.get(law)
         if isinstance(if_known, Design):
             rows.append(_row(f"{law}, car known", if_known))
-    terminal.show_table(PageTable("Designs", head, rows))
-    for law, answer in answers.items():
-        if isinstance(answer, CanrollError):
-            print(f"{law} refused: {answer}")
-    return 0
+    refused = [(law, answer) for law, answer in answers.items() if isinstance(answer, CanrollError)]
+    lines = [f"{law} refused: {reason}" for law, reason in refused]
+    return terminal.emit(args, None, [title, PageTable("Designs", head, rows), *lines])
 
 
 def _designed(task: Task) -> dict[str, Design | CanrollError]:

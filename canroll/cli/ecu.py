@@ -1,7 +1,6 @@
 """``canroll ecu``: the ECU alone, in real time on any python-can bus, or on a recorded drive."""
 
 import argparse
-import json
 from dataclasses import asdict
 from pathlib import Path
 
@@ -326,15 +325,10 @@ def replay_drive(
     about = {"log": str(args.replay), "channel": logged.channel, **drive.to_json()}
     about["identified"] = [asdict(one) for one in identified]
     data = {"files": {}, **write_page(out, "drive", texts, about)}
-    if args.json:
-        print(json.dumps(data))
-    else:
-        terminal.show_verdict(drive.verdict, good=None)
-        terminal.show_warnings(drive.warnings)
-        terminal.show_table(reception_table(drive))
-        if identified:
-            terminal.show_titled(estimate_table(identified))
-        terminal.show_files(data["files"])
+    parts: list[terminal.Part] = [terminal.verdict(drive.verdict, good=None)]
+    parts += [*terminal.warnings(drive.warnings), reception_table(drive)]
+    parts += terminal.titled(estimate_table(identified)) if identified else ()
+    terminal.emit(args, data, [*parts, *terminal.files(data["files"])])
     refusals = [heard.refusal for heard in drive.receptions if heard.refusal]
     if refusals:
         raise VerdictError("; ".join(refusals))

@@ -11,7 +11,7 @@ import numpy as np
 
 from canroll.cli.design_parsers import OF_AN_EXPORT
 from canroll.cli.options import choices_of, chosen_services
-from canroll.cli.terminal import show_warnings
+from canroll.cli.terminal import show, warnings
 from canroll.errors import CanrollError, writing
 from canroll.runs.experiment import plan
 from canroll.runs.result import Settings
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
         duration=3.0,
     )
     verified = controller.exportable(unverified=args.unverified)
-    show_warnings(controller.warnings)
+    show(warnings(controller.warnings))
     export = described(args, settings, controller, verified=verified)
     with writing_to(args.folder):
         written = bundle.write(args.folder, export)
@@ -99,7 +99,7 @@ def described(
     )
     if args.dbc is not None:
         bus = load_map(paths_of(args.dbc), Path(args.map))
-        show_warnings(bus.warnings)
+        show(warnings(bus.warnings))
         if record.e2e and not bus.protected:
             record.e2e = 0
             identify(record)

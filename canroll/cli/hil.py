@@ -5,7 +5,6 @@ import json
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import can
 
@@ -83,18 +82,20 @@ def run(args: argparse.Namespace) -> int:
                 raise
             path = write_log(out / "bus.asc", stopped.trace.frames)
             raise KeyboardInterrupt(f"{stopped}: {path} has the frames up to then") from None
-        seen = result.passive if result.controlled is None else result.controlled
+        shown = result.passive if result.controlled is None else result.controlled
         if args.log is not None:
-            write_log(args.log, seen.frames)
+            write_log(args.log, shown.frames)
         if args.signals is not None:
-            signal_files.write_signals(args.signals, seen.signals)
+            signal_files.write_signals(args.signals, shown.signals)
         cores = timing.pop("jitterdebugger")
         if out is not None:
             result = write_files(result, out)
             path = write_text(out / "timing.json", json.dumps(cores, indent=1) + "\n")
             files = {**result.files, "timing": str(path), "ticks": str(out / "ticks.npz")}
             result = hil_run.with_files(result, files)
-        report(result.to_json() | {"timing": timing}, args, result)
+        seen = [*run_view.parts(result, verbose=True), *run_view.timing(timing)]
+        data = result.to_json() | {"timing": timing}
+        terminal.emit(args, data, seen, style=run_view.style(result))
     return result.exit_code
 
 
@@ -112,14 +113,3 @@ def refuse_one_adapter(args: argparse.Namespace) -> None:
 
 def _announce(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
-
-
-def report(answer: dict[str, Any], args: argparse.Namespace, result: Any) -> None:  # noqa: ANN401
-    """Print the result as JSON or as a table."""
-    if args.json:
-        print(json.dumps(answer))
-        return
-    run_view.show(result)
-    run_view.show_bus(result)
-    terminal.show_files(result.files)
-    run_view.show_timing(answer["timing"])

@@ -1,4 +1,4 @@
-"""``canroll list``: names with their origin; ``canroll completion``: a shell completes them."""
+"""``canroll list``: names with their origin, and the script by which a shell completes them."""
 
 import argparse
 import json
@@ -8,7 +8,7 @@ from typing import Any, cast
 import vehicles
 from canroll.cli.commands import COMMANDS, parser_of
 from canroll.cli.options import JSON, path_named
-from canroll.cli.parser import Parser, opt
+from canroll.cli.parser import Parser, Relations, opt, related
 from canroll.errors import optional
 from canroll.registry import BUILT_IN, Registry
 from canroll.setup.choices import CHOICES
@@ -18,6 +18,7 @@ from plant_sim.buses import BUSES
 from plant_sim.driving import MANEUVERS
 
 KINDS = ("laws", "vehicles", "scenarios", "options", "buses", "bodies")
+COMPLETION = "completion"
 REGISTRIES: dict[str, Registry[Any]] = {
     "laws": LAWS,
     "scenarios": MANEUVERS,
@@ -27,25 +28,20 @@ REGISTRIES: dict[str, Registry[Any]] = {
 """Further lists of ``canroll list``; extensions add to them."""
 
 
-def completion(parser: Parser) -> None:
-    """Script for the completion of a shell."""
-    parser.handler = "canroll.cli.listing:complete"
-    parser.take(
-        "Print a script that completes commands, options and names: "
-        "source <(canroll completion bash)",
-        opt("shell", ("bash", "zsh", "tcsh"), None, None),
-    )
-
-
 def listing(parser: Parser) -> None:
     """Laws, vehicles, scenarios and their options, buses and bodies by name."""
     parser.handler = "canroll.cli.listing:run"
     parser.take(
         "List all names of a kind: built in, or from an installed package's entry points. "
-        "Laws, scenarios, buses and bodies can also be named as file.py:name or module:name.",
-        opt("kind", KINDS, "KIND", ", ".join(KINDS)),
+        "Laws, scenarios, buses and bodies can also be named as file.py:name or module:name. Of "
+        "completion: print the script by which a shell completes commands, options and names: "
+        "source <(canroll list completion --shell bash)",
+        opt("kind", (*KINDS, COMPLETION), "KIND", f"{', '.join(KINDS)}, or {COMPLETION}"),
+        opt("--shell", ("bash", "zsh", "tcsh"), None, "of completion (default: %(default)s)",
+            "bash", needs=(f"kind={COMPLETION}",), why=f"canroll list {COMPLETION}"),
         JSON,
-    )
+        related(Relations(excludes={f"kind={COMPLETION}": "a script is no list"}), "json"),
+    )  # fmt: skip
 
 
 def entries(kind: str) -> list[dict[str, str]]:
@@ -85,8 +81,11 @@ def _options() -> Iterator[dict[str, str]]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the names of a kind, one per line, or one JSON array."""
+    """Print the names of a kind, one per line, or one JSON array; or the script of a shell."""
+    if args.kind == COMPLETION:
+        return complete(args.shell)
     rows = entries(args.kind)
+    # the console of tables takes as long to import as all else here
     if args.json:
         print(json.dumps(rows, ensure_ascii=False))
         return 0
@@ -97,9 +96,9 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def complete(args: argparse.Namespace) -> int:
+def complete(shell: str) -> int:
     """Print a script with which a shell completes commands, options and names."""
-    shtab = optional("shtab", "canroll completion", "completion")
+    shtab = optional("shtab", "canroll list completion", "completion")
     everything = argparse.ArgumentParser(prog="canroll")
     # only called, never subclassed
     commands = everything.add_subparsers(parser_class=cast(type[argparse.ArgumentParser], _parser))
@@ -107,7 +106,7 @@ def complete(args: argparse.Namespace) -> int:
         parser = commands.add_parser(name, help=COMMANDS.description(name))
         for action in parser._actions:
             _complete(action, shtab.FILE)
-    print(shtab.complete(everything, args.shell))
+    print(shtab.complete(everything, shell))
     return 0
 
 

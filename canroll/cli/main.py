@@ -75,15 +75,15 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         raise UnknownNameError("command", name, COMMANDS)
     parser = parser_of(name)
     words = arguments[1:]
-    arguments = [name, *project_file.words(parser.open_to(words), words), *words]
-    namespace, unknown = parser.read(arguments[1:])
+    added = project_file.words(parser.open_to(words), words)
+    namespace, unknown = parser.read(words, added)
     if unknown and (old := f"{name} {unknown[0]}") in RENAMED:
         raise UsageError(f"'{old}' is now 'canroll {RENAMED[old]}'")
     if unknown:
         raise UsageError(
             f"'{name}' does not take {' '.join(unknown)} (see 'canroll {name} --help')"
         )
-    namespace.arguments = list(arguments)
+    namespace.arguments = [name, *added, *words]
     return namespace
 
 

@@ -1,23 +1,22 @@
 """``canroll margins``: margins of a calibration's integers, as tables and a picture."""
 
 import argparse
-import json
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import vehicles
 from canroll.cli import design_view, terminal
 from canroll.cli.options import by_key
+from canroll.cli.terminal import Part
 from canroll.errors import writing
 from canroll.report.page import PageTable
 from gain_gen.analysis.family import Condition, FamilyMargins
 from gain_gen.analysis.margins import Margins
 from gain_gen.calibration import calibration_file
-from gain_gen.calibration.calibration_file import LoadedCalibration
 from gain_gen.margin_report import (
     DelayMargin,
     MarginReport,
@@ -28,7 +27,7 @@ from gain_gen.margin_report import (
 )
 from gain_gen.models.task import UNVERIFIED
 from gain_gen.monitors.detectability import Detectable, of_calibration
-from gain_gen.monitors.uncertainty import Uncertainty, stated
+from gain_gen.monitors.uncertainty import stated
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,30 +45,27 @@ def run(args: argparse.Namespace) -> int:
     designed = stated(calibration.tables["uncertainty"], file=calibration.path)
     box = stated(by_key("--uncertainty", args.uncertainty), designed)
     report = margin_report(calibration)
+    faults: Sequence[Detectable] = ()
+    if args.json or args.verbose or args.uncertainty:
+        faults = of_calibration(calibration.record, task_of(calibration), box)
+    data = to_json(report) | {
+        "without_stage": None if calibration.stage is None else calibration.stage.name,
+        "verified": calibration.verified,
+        "failed": calibration.failed,
+        "detectability": [row.to_json() for row in faults],
+    }
+    parts: list[Part] = []
+    if calibration.stage is not None:
+        parts += terminal.warnings([without(calibration.stage.file)])
+    if not calibration.verified:
+        parts += terminal.warnings(t for t in calibration.warnings if t.startswith(UNVERIFIED))
+    parts += shown(report)
+    if args.verbose or args.uncertainty:
+        parts += terminal.titled(design_view.detectability(faults, box))
     if args.out is not None:
-        picture = args.out / "margins.png"
-        draw(report, picture)
-    if args.json:
-        stage = None if calibration.stage is None else calibration.stage.name
-        marks: dict[str, Any] = {"without_stage": stage, "verified": calibration.verified}
-        marks["failed"] = calibration.failed
-        marks["detectability"] = [row.to_json() for row in _faults(calibration, box)]
-        print(json.dumps(to_json(report) | marks))
-    else:
-        if calibration.stage is not None:
-            terminal.show_warnings([without(calibration.stage.file)])
-        if not calibration.verified:
-            terminal.show_warnings(t for t in calibration.warnings if t.startswith(UNVERIFIED))
-        show(report)
-        if args.verbose or args.uncertainty:
-            terminal.show_titled(design_view.detectability(_faults(calibration, box), box))
-        if args.out is not None:
-            print(f"written: {picture}")
-    return 0 if admits(report) else 1
-
-
-def _faults(calibration: LoadedCalibration, box: Uncertainty) -> tuple[Detectable, ...]:
-    return of_calibration(calibration.record, task_of(calibration), box)
+        draw(report, args.out / "margins.png")
+        parts.append(f"written: {args.out / 'margins.png'}")
+    return terminal.emit(args, data, parts, good=admits(report))
 
 
 def without(stage: str) -> str:
@@ -81,31 +77,27 @@ def without(stage: str) -> str:
     )
 
 
-def show(report: MarginReport) -> None:
-    """Print what was designed for, the tables and the checks."""
+def shown(report: MarginReport) -> Iterator[Part]:
+    """Yield what was designed for, the tables and the checks."""
     delay = report.delay
-    print(
+    yield (
         f"{report.law} for {report.vehicle}: designed for {1e3 * delay.least:.4g} to "
         f"{1e3 * delay.most:.4g} ms from sample to force, stable for {_delay(report.max_delay)}"
     )
-    if report.note:
-        terminal.show_warnings([report.note])
+    yield from terminal.warnings(filter(None, [report.note]))
     conditions = tuple(
         dict.fromkeys(row.condition for row in report.family.rows if not row.condition.draw)
     )
-    print()
-    terminal.show_table(_family_table(report.family, conditions))
-    print()
-    terminal.show_table(design_view.checks(report.checks))
-    for line in design_view.over_draws(report.fit, report.max_delay - delay.most):
-        print(line)
+    yield from ("", _family_table(report.family, conditions))
+    yield from ("", design_view.checks(report.checks))
+    yield from design_view.over_draws(report.fit, report.max_delay - delay.most)
     over_delay = [(f"{1e3 * point.delay:.0f} ms", point) for point in report.over_delay]
     over_gain = [(f"× {point.gain_factor:g}", point) for point in report.over_gain]
     for title, points in (
         (f"over delay, {conditions[0]}", over_delay),
         (f"over gain, delay {1e3 * delay.nominal:.4g} ms", over_gain),
     ):
-        terminal.show_titled(PageTable(title, POINT, [_row(*point) for point in points]))
+        yield from terminal.titled(PageTable(title, POINT, [_row(*point) for point in points]))
 
 
 def _family_table(family: FamilyMargins, conditions: Iterable[Condition]) -> PageTable:

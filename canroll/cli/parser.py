@@ -96,19 +96,23 @@ class Parser(argparse.ArgumentParser):
                 relations.outside or before.outside,
             )
 
-    def read(self, words: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
+    def read(
+        self, words: Sequence[str], added: Sequence[str] = ()
+    ) -> tuple[argparse.Namespace, list[str]]:
         """Return the parsed words and those that are unknown.
 
-        The result has the destinations of the options that are given as ``given``, and the parser
-        as ``parser``.
+        The result has the destinations of the options that are given as ``given``, of those that a
+        project file has not ``added`` as ``written``, and the parser as ``parser``.
 
         Raises:
             UsageError: a wrong option.
             CanrollError: an option has no effect with another one.
         """
         self._given.clear()
-        namespace, unknown = self.parse_known_args(words)
+        namespace, unknown = self.parse_known_args([*added, *words])
         namespace.given, namespace.parser = frozenset(self._given), self
+        of_file = {self._option_string_actions[w].dest for w in added if w in self.options}
+        namespace.written = namespace.given - of_file
         if not unknown:
             self._check(namespace)
         return namespace, unknown
@@ -261,7 +265,7 @@ def check_mode(
     why: str = "",
     **words: object,
 ) -> None:
-    """Refuse options that have no effect in the mode of a command.
+    """Refuse options that have no effect in the mode of a command, but those of a project file.
 
     Args:
         args: of :meth:`Parser.read`.
@@ -275,7 +279,7 @@ def check_mode(
     """
     for name, relations in args.parser.relations.items():
         applies = not relations.only or mode in relations.only or name in but
-        if name in args.given and not applies:
+        if name in args.written and not applies:
             outside = (relations.outside or f": {why}: omit it").format(mode=mode, **words)
             raise CanrollError(f"{args.parser.spelt(name)}{outside}")
 

@@ -1,11 +1,10 @@
 """``canroll prove``: absence of overflow, index errors and division by zero for any frames."""
 
 import argparse
-import json
-import sys
 from time import perf_counter
 
 from canroll.build_cache import key
+from canroll.cli import terminal
 from canroll.cli.options import choices_of
 from canroll.errors import CanrollError
 from canroll.setup.bus_frames import stage_of
@@ -30,11 +29,11 @@ def run(args: argparse.Namespace) -> int:
     firmware = with_services(with_stage(built_in(), stage), tuple(SERVICES))
     name = str(args.calibration or "every calibration accepted by the ECU")
     record = None if loaded is None else loaded.record
-    return report(record, firmware, name=name, as_json=args.json)
+    return report(args, record, firmware, name)
 
 
 def report(
-    record: Calibration | None, firmware: BusFirmware, *, name: str, as_json: bool = False
+    args: argparse.Namespace, record: Calibration | None, firmware: BusFirmware, name: str
 ) -> int:
     """Prove ``firmware`` for ``record`` and print what was shown, or each line that fails."""
     if firmware.stage is not None:
@@ -50,21 +49,18 @@ def report(
         findings: list[str] = []
     except NotProvedError as failed:  # made anew each time: its places may be of files of this run
         findings, expressions, took = failed.findings, failed.expressions, failed.took
-    if as_json:
-        answer = {"proved": not findings, "for": name, "expressions": expressions}
-        print(json.dumps(answer | {"findings": findings, "seconds": took}))
-        return 1 if findings else 0
-    for finding in findings:
-        print(finding, file=sys.stderr)
-    if findings:
-        print(f"not proved: {len(findings)} places in {took:.1f} s")
-        return 1
-    print(
+    answer = {"proved": not findings, "for": name, "expressions": expressions}
+    text = (
         f"proved for {name}: from any state in the declared ranges and any frames, no overflow of "
         f"64 bits, no value out of its field, no bad index, no zero divisor "
         f"({expressions} expressions, {took:.1f} s)"
     )
-    return 0
+    if findings:
+        text = f"not proved: {len(findings)} places in {took:.1f} s"
+    for finding in () if args.json else findings:
+        terminal.note(finding)
+    data = answer | {"findings": findings, "seconds": took}
+    return terminal.emit(args, data, [text], good=not findings)
 
 
 class NotProvedError(Exception):

@@ -1,7 +1,6 @@
-"""``canroll run``: a manoeuvre in virtual time; ``canroll report``: a saved run evaluated again."""
+"""``canroll run``: a manoeuvre in virtual time, or a saved run evaluated again."""
 
 import argparse
-import json
 from collections.abc import Collection
 from importlib.metadata import version
 from pathlib import Path
@@ -11,6 +10,8 @@ from typing import TYPE_CHECKING
 import dbc
 from canroll.cli import run_view, terminal
 from canroll.cli.options import choices_of, folder_of
+from canroll.cli.parser import check_mode
+from canroll.cli.run_parsers import SAVED
 from canroll.report.run_folder import write_files, write_text
 from canroll.report.run_page import run_page
 from canroll.report.staging import check_parent, usable_folder
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 def run(args: argparse.Namespace) -> int:
     """Run, report and write; 1 if the verdict is that control does not help."""
+    if isinstance(args.scenario, Path):
+        return again(args)
     out = folder_of(args)
     if args.log is not None:
         check_parent(check_suffix(args.log), out=out)
@@ -55,9 +58,7 @@ def run(args: argparse.Namespace) -> int:
     without = () if args.trace else ("trace",)
     code = answer(result, out, args, without=without)
     if without and out is not None:
-        terminal.note(
-            f"{out}: no trace: 'canroll report' and 'canroll compare' cannot read the run"
-        )
+        terminal.note(f"{out}: no trace: 'canroll run' and 'canroll compare' cannot read the run")
     return code
 
 
@@ -99,20 +100,21 @@ def answer(
     """Write the files of a run where there is a folder, print it, and return the exit code."""
     if out is not None:
         result = write_files(result, out, without=without)
-    if args.json:
-        print(json.dumps(result.to_json()))
-    else:
-        run_view.show(result)
-        if args.verbose:
-            run_view.show_bus(result)
-        terminal.show_files(result.files)
+    terminal.emit(
+        args,
+        result.to_json(),
+        run_view.parts(result, verbose=args.verbose),
+        style=run_view.style(result),
+    )
     return result.exit_code
 
 
-def report(args: argparse.Namespace) -> int:
-    """Write the page and print the table; 1 if the verdict is that control does not help."""
-    result = saved_run.load(args.folder)
-    page = check_parent(args.out or args.folder / "report.html", out=args.folder)
+def again(args: argparse.Namespace) -> int:
+    """Evaluate a saved run again and write its page; 1 if control does not help."""
+    check_mode(args, SAVED, why="a saved run is evaluated as it was driven")
+    folder = args.scenario if args.out is None else usable_folder(args.out)
+    result = saved_run.load(args.scenario)
+    page = check_parent(folder / "report.html")
     result = experiment.with_files(result, {**result.files, "report": str(page)})
     write_text(page, run_page(result))
     return answer(result, None, args)

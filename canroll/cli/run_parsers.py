@@ -1,5 +1,6 @@
 """The options of the commands that simulate, and that characterise a vehicle."""
 
+from pathlib import Path
 from typing import Any
 
 from canroll.cli.options import (
@@ -14,12 +15,14 @@ from canroll.cli.options import (
     not_empty,
     path_named,
     scenario,
-    scenario_named,
     verbose,
 )
 from canroll.cli.parser import Parser, Relations, flag, opt, related
 from canroll.setup.choices import CHOICES
+from plant_sim.driving import MANEUVERS
 
+NEW, SAVED = "new run", "saved run"
+"""What SCENARIO of ``canroll run`` can be."""
 SEVERE = "severe"
 """The catalogue of manoeuvres of :mod:`canroll.studies.severe`, in place of a manoeuvre."""
 VEHICLES = 20
@@ -44,15 +47,23 @@ PICTURE = "response.png"
 def run(parser: Parser) -> None:
     """Run a manoeuvre in virtual time, with and without control."""
     parser.take(
-        "Drive a manoeuvre in virtual time, without and with control, and report.",
-        scenario_named(),
+        "Drive a manoeuvre in virtual time, without and with control, and report. Of the folder of "
+        "a saved run, written by 'canroll run' or 'canroll hil': evaluate it again and write its "
+        "page, by default in that folder.",
+        opt("scenario", _manoeuvre_or_folder, None, f"{', '.join(MANEUVERS)}; or the FOLDER of a "
+            "saved run"),
         choices(CHOICES),
         *RECORDING,
         flag("--no-trace", "without trace.npz, some 40 MB a minute: the run cannot be read again",
              dest="trace", action="store_false"),
+        related(Relations(only=(NEW,)), "vehicle_set", *CHOICES, "log", "signals", "trace"),
         *answer("report, log, header"),
         verbose("response times, trigger and phase"),
     )  # fmt: skip
+
+
+def _manoeuvre_or_folder(text: str) -> str | Path:
+    return Path(text) if text not in MANEUVERS and Path(text).is_dir() else scenario(text)
 
 
 def compare(parser: Parser) -> None:
@@ -86,19 +97,6 @@ def compare(parser: Parser) -> None:
 
 def _scenarios(text: str) -> str:
     return text if text == SEVERE else scenario(text)
-
-
-def report(parser: Parser) -> None:
-    """Evaluate a saved run again and write its page."""
-    parser.handler = "canroll.cli.run:report"
-    parser.take(
-        "Read a run from the folder written by 'canroll run' or 'canroll hil', evaluate it again "
-        "and write its page. Several runs on one page: 'canroll compare FOLDER FOLDER'.",
-        opt("folder", path_named, "FOLDER", "folder of a saved run"),
-        opt("--out", path_named, "FILE", "the page (default: report.html in the folder)"),
-        JSON,
-        verbose("response times, trigger and phase"),
-    )
 
 
 def handling(parser: Parser) -> None:

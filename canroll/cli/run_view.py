@@ -1,13 +1,14 @@
 """Terminal output of a run: its figures, what happened on its bus, and its times."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import astuple
 from typing import Any
 
-import rich.table
+from rich.text import Text
 
-from canroll.cli.terminal import columns, show_verdict, show_warnings
-from canroll.report.console import Console
+from canroll.cli import terminal
+from canroll.cli.terminal import Part
+from canroll.report.page import PageTable
 from canroll.report.tables import (
     authentication_note,
     can_rows,
@@ -31,78 +32,75 @@ def circumstances(result: Result) -> str:
     return ", ".join(parts)
 
 
-def show(result: Result) -> None:
-    """Print title, verdict, warnings and metrics (dimmed if invalid) of a run."""
-    console = Console(highlight=False, style="dim" if result.not_valid else "")
+def style(result: Result) -> str:
+    """Return the style of a run's parts: dim if it is not valid."""
+    return "dim" if result.not_valid else ""
+
+
+def parts(result: Result, *, verbose: bool = False) -> Iterator[Part]:
+    """Yield title, verdict, warnings and metrics of a run.
+
+    With ``verbose`` response times by message, and what is said about trigger and phase too.
+    """
     settings = result.settings
-    console.print(
-        f"[bold]{settings.scenario.replace('_', ' ')}[/bold], {settings.vehicle_name} at "
-        f"{settings.speed * 3.6:.0f} km/h, {settings.law_name} over {settings.bus_name}"
+    yield Text.assemble(
+        (settings.scenario.replace("_", " "), "bold"),
+        f", {settings.vehicle_name} at {settings.speed * 3.6:.0f} km/h, {settings.law_name} over "
+        f"{settings.bus_name}",
     )
-    show_verdict(result.verdict, good=result.good)
-    show_warnings(text for text in result.warnings if text not in result.verdict)
-    if line := circumstances(result):
-        console.print(line, soft_wrap=True, markup=False)
-    console.print()
-    head = metric_head(result, "passive", "controlled")
-    console.print(columns(console, head, metric_rows(result)))
+    yield terminal.verdict(result.verdict, good=result.good)
+    yield from terminal.warnings(text for text in result.warnings if text not in result.verdict)
+    yield from filter(None, [circumstances(result)])
+    yield ""
+    yield PageTable("", metric_head(result, "passive", "controlled"), metric_rows(result))
     judged = () if result.not_valid else standard.lines(result.standard)
     notes = [text for text in (replay_note(result), *judged) if text]
     if notes:
-        console.print("\n" + "\n".join(notes), soft_wrap=True, markup=False)
-    for table in reaction_tables(result) if result.settings.faults else ():
-        console.print()
-        console.print(columns(console, table.head, table.rows))
-    trigger = result.trigger
-    age = result.can.age_ms
-    console.print(
+        yield "\n" + "\n".join(notes)
+    for table in reaction_tables(result) if settings.faults else ():
+        yield from ("", table)
+    trigger, age = result.trigger, result.can.age_ms
+    yield (
         f"bus load {100 * result.can.load:.1f} %; commands in "
         f"{100 * trigger.transmission_rate:.1f} % of {trigger.samples} ticks"
-        + (f"; sample to force {age.mean:.2f} ms (max {age.max:.2f})" if age else ""),
-        soft_wrap=True,
+        + (f"; sample to force {age.mean:.2f} ms (max {age.max:.2f})" if age else "")
     )
-    if (text := authentication_note(result)) is not None:
-        console.print(text, soft_wrap=True)
+    yield from filter(None, [authentication_note(result)])
+    if verbose:
+        yield from of_the_bus(result)
+    yield from terminal.files(result.files)
 
 
-def show_bus(result: Result) -> None:
-    """Print response times by message, and what a run says about trigger and phase."""
-    console = Console(highlight=False, style="dim" if result.not_valid else "")
-    head = ("", "least", "mean", "most")
-    console.print()
-    console.print(columns(console, head, can_rows(result)))
+def of_the_bus(result: Result) -> Iterator[Part]:
+    """Yield response times by message, and what a run says about trigger and phase."""
+    yield from ("", PageTable("", ("", "least", "mean", "most"), can_rows(result)))
     trigger = result.trigger
-    console.print(
+    yield (
         f"{trigger.sent} commands: {100 * trigger.transmission_rate_triggered:.1f} % of the ticks "
         f"without heartbeats (heartbeats alone: {100 * trigger.floor:.0f} %)"
     )
     if result.phase is not None:
         least, mean, most = (1e3 * value for value in astuple(result.phase))
-        console.print(
-            f"a tick starts {mean:.2f} ms after the newest Imu frame ({least:.2f} to {most:.2f} ms)"
-        )
+        after = f"{mean:.2f} ms after the newest Imu frame ({least:.2f} to {most:.2f} ms)"
+        yield f"a tick starts {after}"
 
 
-def show_timing(timing: Mapping[str, Any]) -> None:
-    """Print quantiles, misses, losses, whether the run is valid, and notes."""
-    console = Console(highlight=False)
-    table = rich.table.Table("µs", *QUANTILES, box=None, pad_edge=False, header_style="bold")
-    for column in table.columns[1:]:
-        column.justify = "right"
-    for key, name in ROWS.items():
-        figures = timing[key]
-        if figures is not None:
-            table.add_row(name, *(f"{figures[quantile]:.0f}" for quantile in QUANTILES))
-    console.print()
-    console.print(table)
-    word = "[green]PASS[/green]" if timing["valid"] else "[red]FAIL[/red]"
-    console.print(
-        f"{word}  {timing['ticks']} ticks, {timing['deadline_misses']} missed, "
-        f"{timing['frames_lost']} frames lost"
+def timing(figures: Mapping[str, Any]) -> Iterator[Part]:
+    """Yield quantiles, misses, losses, whether the run is valid, and notes."""
+    rows = [
+        (name, *(f"{of[quantile]:.0f}" for quantile in QUANTILES))
+        for name, of in ((name, figures[key]) for key, name in ROWS.items())
+        if of is not None
+    ]
+    yield from ("", PageTable("", ("µs", *QUANTILES), rows))
+    word, colour = ("PASS", "green") if figures["valid"] else ("FAIL", "red")
+    yield Text.assemble(
+        (word, colour),
+        f"  {figures['ticks']} ticks, {figures['deadline_misses']} missed, "
+        f"{figures['frames_lost']} frames lost",
     )
-    if timing["pace"] == "lockstep":
-        console.print(f"in lock step, {timing['speed']:.1f} times as fast as real time")
-    for line in bus_lines(timing):
-        console.print(line, soft_wrap=True, markup=False)
-    for note in timing["notes"]:
-        console.print(f"[yellow]note:[/yellow] {note}", soft_wrap=True)
+    if figures["pace"] == "lockstep":
+        yield f"in lock step, {figures['speed']:.1f} times as fast as real time"
+    yield from bus_lines(figures)
+    for note in figures["notes"]:
+        yield Text.assemble(("note:", "yellow"), f" {note}")

@@ -11,7 +11,7 @@ from typing import Any, ParamSpec
 
 import rich.table
 from rich.cells import cell_len
-from rich.markup import escape
+from rich.console import ConsoleRenderable
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.text import Text
 
@@ -96,11 +96,18 @@ def columns(
     return table
 
 
-Part = str | Text | PageTable
-"""What is printed: a line or several, a verdict or warning, a table."""
+Part = str | PageTable | ConsoleRenderable
+"""What is printed: lines of text, a table of a page, or what rich shows, such as a verdict."""
 
 
-def emit(args: Namespace, data: Any, parts: Iterable[Part], *, good: bool = True) -> int:  # noqa: ANN401
+def emit(
+    args: Namespace,
+    data: Any,  # noqa: ANN401
+    parts: Iterable[Part],
+    *,
+    good: bool = True,
+    style: str = "",
+) -> int:
     """Print the answer of a command, and return its exit code.
 
     Args:
@@ -108,24 +115,23 @@ def emit(args: Namespace, data: Any, parts: Iterable[Part], *, good: bool = True
         data: the answer; it is what ``--json`` prints.
         parts: the answer for people; made where it is printed.
         good: whether all that was judged is good.
+        style: of the parts.
     """
     if args.json:
         print(json.dumps(data))
     else:
-        show(parts)
+        show(parts, style)
     return 0 if good else 1
 
 
-def show(parts: Iterable[Part]) -> None:
+def show(parts: Iterable[Part], style: str = "") -> None:
     """Print parts, one below the other."""
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False, emoji=False, style=style)
     for part in parts:
-        if isinstance(part, str):
-            print(part)
-        elif isinstance(part, Text):
-            console.print(part, soft_wrap=True)
-        else:
+        if isinstance(part, PageTable):
             console.print(columns(console, part.head, part.rows))
+        else:
+            console.print(part, soft_wrap=isinstance(part, str | Text))
 
 
 def plain(table: PageTable) -> Iterator[Part]:
@@ -163,37 +169,3 @@ def files(written: Mapping[str, str]) -> Iterator[str]:
         folders.setdefault(path.parent, []).append(path.name)
     for folder, names in folders.items():
         yield f"written to {folder}: {', '.join(names)}"
-
-
-def show_verdict(text: str, *, good: bool | None) -> None:
-    """Print the answer in one line: good, bad, or neither."""
-    style = {True: "green", False: "red", None: "yellow"}[good]
-    Console(highlight=False).print(Text(text, style=style), soft_wrap=True)
-
-
-def show_table(table: PageTable) -> None:
-    """Print a table of a report page."""
-    console = Console(highlight=False)
-    console.print(columns(console, table.head, table.rows))
-
-
-def show_titled(table: PageTable) -> None:
-    """Print a table below its title, after an empty line."""
-    print(f"\n{table.title}")
-    show_table(table)
-
-
-def show_warnings(warnings: Iterable[str]) -> None:
-    """Print warnings, one line each."""
-    console = Console(highlight=False)
-    for warning in warnings:
-        console.print(f"[yellow]warning:[/yellow] {escape(warning)}", soft_wrap=True)
-
-
-def show_files(files: Mapping[str, str]) -> None:
-    """Print the written files, a line for each folder."""
-    folders: dict[Path, list[str]] = {}
-    for path in map(Path, files.values()):
-        folders.setdefault(path.parent, []).append(path.name)
-    for folder, names in folders.items():
-        print(f"written to {folder}: {', '.join(names)}")

@@ -2,15 +2,13 @@
 
 import argparse
 import importlib.util
-import json
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from canroll.cli import run_view, terminal
 from canroll.cli.options import choices_of
-from canroll.cli.run_view import show_timing
-from canroll.cli.terminal import progress
 from canroll.errors import CanrollError, MissingExtraError
 from canroll.runs import experiment
 from canroll.runs.experiment import plan
@@ -54,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
         image = cortex.zig_image(args.processor, firmware)
         replayed = replay_here(args.processor, record, traffic, firmware, settings.secret)
     limits = budget_of(controller.tables)
-    return report(limits, replayed, footprint(image, firmware.record), as_json=args.json)
+    return report(args, limits, replayed, footprint(image, firmware.record))
 
 
 def replay_here(
@@ -88,7 +86,7 @@ def run_bound(args: argparse.Namespace) -> int:
     firmware = chosen(settings.firmware, controller.record, specialise=args.specialise)
     received = most_received(settings.profile, firmware.bus, round(controller.tick * 1e9))
     bound = firmware_bound.firmware_bound(controller.record, timing, firmware, received=received)
-    with progress(quiet=args.json) as report_share:
+    with terminal.progress(quiet=args.json) as report_share:
         seen = firmware_bound.observe(
             controller.record,
             traffic,
@@ -122,11 +120,8 @@ def run_bound(args: argparse.Namespace) -> int:
         "functions": bound.tick.shares,
         "verdict": "PASS" if good else "FAIL",
     }
-    if args.json:
-        print(json.dumps(answer))
-        return 0 if good else 1
     memory = f"flash with {timing.wait_states} wait states, no interrupts"
-    show_rows(
+    rows = named_rows(
         {
             "processor": f"{timing.cpu}, {memory}",
             "cycles per tick, bound": bound.tick.cycles,
@@ -142,9 +137,9 @@ def run_bound(args: argparse.Namespace) -> int:
             "verdict": answer["verdict"],
         }
     )
-    print("\nlongest path by function, cycles")
-    show_rows(dict(list(bound.tick.shares.items())[:8]))
-    return 0 if good else 1
+    longest = named_rows(dict(list(bound.tick.shares.items())[:8]))
+    parts = [*rows, "\nlongest path by function, cycles", *longest]
+    return terminal.emit(args, answer, parts, good=good)
 
 
 def _bound_of_authentication(bound: "Authentication | None") -> dict[str, int] | None:
@@ -171,11 +166,10 @@ def _rows_of_authentication(bound: "Authentication | None") -> dict[str, object]
     }
 
 
-def show_rows(rows: Mapping[str, object]) -> None:
-    """Print names and values in two columns."""
+def named_rows(rows: Mapping[str, object]) -> list[str]:
+    """Return names and values as lines in two columns."""
     width = max(map(len, rows))
-    for name, value in rows.items():
-        print(f"{name:<{width}}  {value}")
+    return [f"{name:<{width}}  {value}" for name, value in rows.items()]
 
 
 def recorded(args: argparse.Namespace) -> tuple[Settings, PreparedController, EcuTraffic]:
@@ -184,34 +178,31 @@ def recorded(args: argparse.Namespace) -> tuple[Settings, PreparedController, Ec
     return settings, controller, record_traffic(settings, controller, args.duration)
 
 
-def report(limits: Budget, run: CortexRun, size: Footprint, *, as_json: bool) -> int:
+def report(args: argparse.Namespace, limits: Budget, run: CortexRun, size: Footprint) -> int:
     """Print the budget table; return 1 if a budget is exceeded."""
     counts = run.instructions
     least, mean, most = int(counts.min()), round(float(counts.mean())), int(counts.max())
     affordable = all(verdict.ok for verdict in judge_target(limits, most))
     good = affordable and not size.forbidden and size.static == 0
     verdict = "PASS" if good else "FAIL"
-    if as_json:
-        answer = {
-            "processor": run.cpu,
-            "counter": run.counter,
-            "ticks": len(counts),
-            "instructions": {"min": least, "mean": mean, "max": most},
-            "authentication_instructions": _authentication_json(run),
-            "budget_instructions": limits.instructions,
-            "bytes": {
-                "stack": run.stack,
-                "code": size.text,
-                "tables": size.tables,
-                "static": size.static,
-                "state": size.state,
-                "calibration": size.calibration,
-            },
-            "forbidden": list(size.forbidden),
-            "verdict": verdict,
-        }
-        print(json.dumps(answer))
-        return 0 if good else 1
+    answer = {
+        "processor": run.cpu,
+        "counter": run.counter,
+        "ticks": len(counts),
+        "instructions": {"min": least, "mean": mean, "max": most},
+        "authentication_instructions": _authentication_json(run),
+        "budget_instructions": limits.instructions,
+        "bytes": {
+            "stack": run.stack,
+            "code": size.text,
+            "tables": size.tables,
+            "static": size.static,
+            "state": size.state,
+            "calibration": size.calibration,
+        },
+        "forbidden": list(size.forbidden),
+        "verdict": verdict,
+    }
     rows = {
         "processor": run.cpu,
         "counter": f"{run.counter}, instructions (not cycles)",
@@ -230,8 +221,7 @@ def report(limits: Budget, run: CortexRun, size: Footprint, *, as_json: bool) ->
         "heap or floating point": ", ".join(size.forbidden) or "none linked",
         "verdict": verdict,
     }
-    show_rows(rows)
-    return 0 if good else 1
+    return terminal.emit(args, answer, named_rows(rows), good=good)
 
 
 def _authentication_json(run: CortexRun) -> dict[str, int] | None:
@@ -271,15 +261,10 @@ def run_on_host(args: argparse.Namespace) -> int:
     verdicts = judge_host(limits, timing)
     invalid = timing["not_valid"]
     good = not invalid and all(verdict.ok for verdict in verdicts)
-    if args.json:
-        named = {v.name: {"value": v.value, "limit": v.limit, "ok": v.ok} for v in verdicts}
-        verdict = ("PASS" if good else "FAIL") if verdicts else "not judged"
-        if invalid:
-            verdict = "not valid"
-        print(json.dumps({"timing": timing, "verdicts": named, "verdict": verdict}))
-    else:
-        show_timing(timing)
-        print("\n".join(map(str, verdicts)) or "not judged: one core for both programs")
-        if invalid:
-            print(f"not valid: {'; '.join(invalid)}")
-    return 0 if good else 1
+    named = {v.name: {"value": v.value, "limit": v.limit, "ok": v.ok} for v in verdicts}
+    verdict = ("PASS" if good else "FAIL") if verdicts else "not judged"
+    data = {"timing": timing, "verdicts": named, "verdict": "not valid" if invalid else verdict}
+    parts = [*run_view.timing(timing)]
+    parts += map(str, verdicts) if verdicts else ["not judged: one core for both programs"]
+    parts += [f"not valid: {'; '.join(invalid)}"] if invalid else []
+    return terminal.emit(args, data, parts, good=good)

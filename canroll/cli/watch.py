@@ -1,7 +1,6 @@
 """``canroll watch``: the state of the roll controller, from its bus frames only."""
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Mapping
@@ -12,8 +11,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from canroll.cli import terminal
 from canroll.cli.ecu import nanoseconds
-from canroll.report.console import Console
 from hil import process
 from hil.bus_link import open_link
 from hil.watch.observation import Observation
@@ -30,11 +29,8 @@ def run(args: argparse.Namespace) -> int:
     seen = Observation(getattr(args, "bitrate", DEFAULT_BITRATE))
     until = float("inf") if duration is None else time.monotonic() + duration * 1e-9
     watch_in_terminal(args, seen, until)
-    if args.json:
-        print(json.dumps(seen.summary()))
-    else:
-        Console().print(view(seen.summary(), seen))
-    return 0 if seen.frames else 1
+    summary = seen.summary()
+    return terminal.emit(args, summary, [view(summary, seen)], good=bool(seen.frames))
 
 
 def watch_in_terminal(args: argparse.Namespace, seen: Observation, until: float) -> None:

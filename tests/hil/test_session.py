@@ -72,7 +72,7 @@ def test_lock_step_is_virtual_time(tmp_path, capsys):
         assert main(["ecu", "--replay", str(out / "ticks.npz"), "--backend", backend]) == 0
     page = (out / "report.html").read_text()
     assert "<h2>Lock step</h2>" in page and '"timing-tick"' in page
-    assert main(["report", str(out)]) == 0
+    assert main(["run", str(out)]) == 0
     assert (out / "report.html").read_text() == page
 
 

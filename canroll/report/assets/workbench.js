@@ -206,7 +206,7 @@ class Workbench {
     const book = recordedIn(text);
     if (!book || book.version !== this.book.version) {
       const why = book
-        ? "was written by another version of canroll: write it again with canroll report"
+        ? "was written by another version of canroll: write it again with canroll run FOLDER"
         : "holds no recorded run: drop the report.html of a run";
       this.message.textContent = `${name} ${why}`;
       return;

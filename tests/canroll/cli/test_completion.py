@@ -1,4 +1,4 @@
-"""The script of ``canroll completion``, sourced by the shell it is for."""
+"""The script of ``canroll list completion``, sourced by the shell it is for."""
 
 import shutil
 import subprocess
@@ -24,7 +24,7 @@ def script(tmp_path_factory):
         pytest.skip("needs bash")
     path = tmp_path_factory.mktemp("completion") / "canroll.sh"
     with path.open("w") as file, redirect_stdout(file):
-        assert main(["completion", "bash"]) == 0
+        assert main(["list", "completion", "--shell", "bash"]) == 0
     return path
 
 

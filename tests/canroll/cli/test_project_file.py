@@ -43,9 +43,15 @@ def test_a_handling_test_takes_control_from_the_file_where_it_is_asked_for(folde
     assert parse(["handling", "limit", "moose"]).law == "lqr"
 
 
+def test_what_does_not_apply_to_a_saved_run_is_no_fault_of_the_file(folder, capsys):
+    written(folder, 'vehicle = "suv_2020"\n')
+    assert main(["run", "."]) == 2
+    assert "not a saved run" in capsys.readouterr().err
+
+
 def test_what_belongs_to_another_option_is_not_taken(folder):
     written(folder, 'plant = "roll1"\nset = {friction = 0.7}\n')
-    assert parse(["design"]).plant is None
+    assert parse(["compare", "lqr"]).options == [("friction", "0.7")]
     assert parse(["handling", "circle"]).options is None
     assert parse(["handling", "limit", "moose"]).options == [("friction", "0.7")]
 

@@ -23,7 +23,7 @@ ATTACKS = PageTable(
 
 def test_a_pipe_has_no_edge(capsys, monkeypatch):
     monkeypatch.delenv("COLUMNS", raising=False)
-    terminal.show_table(ATTACKS)
+    terminal.show([ATTACKS])
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 3
     assert "TorqueFront, TorqueRear   101       101            2.97  heard, late" in lines[1]
@@ -34,7 +34,7 @@ def test_a_narrow_terminal_shows_every_letter_and_breaks_between_words(
     capsys, monkeypatch, columns
 ):
     monkeypatch.setenv("COLUMNS", str(columns))
-    terminal.show_table(ATTACKS)
+    terminal.show([ATTACKS])
     out = capsys.readouterr().out
     assert max(map(len, out.splitlines())) <= columns
     everything = "".join(letter for text in (*ATTACKS.head, *ATTACKS.rows[0]) for letter in text)

@@ -47,7 +47,7 @@ def run(tmp_path_factory):
 
 
 @pytest.mark.parametrize("key", ["scenario", "plant", "bus"])
-@pytest.mark.parametrize("command", ["report", "compare"])
+@pytest.mark.parametrize("command", ["run", "compare"])
 def test_a_received_run(folder, run, capsys, key, command):
     received = folder / "r"
     received.mkdir()

@@ -337,7 +337,7 @@ def test_a_run_can_be_chosen_as_a_file(opened, other, tmp_path):
         ("<p>a page", NO_RUN),
         (
             '<script type="application/json" id="data">{"workbench":{"version":0}}</script>',
-            "was written by another version of canroll: write it again with canroll report",
+            "was written by another version of canroll: write it again with canroll run FOLDER",
         ),
     ],
 )

@@ -124,7 +124,7 @@ def test_terminal_page_json_and_exit_code_agree(driven, hits, good, colour, monk
     monkeypatch.setattr(
         terminal.Console, "print", lambda self, *texts, **options: shown.extend(texts)
     )
-    run_view.show(result)
+    terminal.show(run_view.parts(result))
     styles = {str(text): text.style for text in shown if isinstance(text, terminal.Text)}
     data = result.to_json()
     assert styles[data["verdict"]] == colour

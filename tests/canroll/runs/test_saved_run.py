@@ -50,7 +50,7 @@ def test_a_run_without_trace_says_what_cannot_be_done(driven, folder, capsys):
         saved_run.load(folder)
     words = ["run", "double_lane_change", "--duration", "0.5", "--law", "passive", "--no-trace"]
     main([*words, "--out", str(folder)])
-    assert "no trace: 'canroll report' and 'canroll compare' cannot read" in capsys.readouterr().err
+    assert "no trace: 'canroll run' and 'canroll compare' cannot read" in capsys.readouterr().err
     assert sorted(json.loads((folder / "result.json").read_text())["sha256"]) == [
         "calibration.toml"
     ]
@@ -78,12 +78,12 @@ def test_the_page_made_anew_is_the_same(folder, capsys):
     page = folder / "report.html"
     before = page.read_bytes()
     page.unlink()
-    code = main(["report", str(folder)])
+    code = main(["run", str(folder)])
     assert code in (0, 1)
     assert page.read_bytes() == before
     assert f"{folder}: report.html" in capsys.readouterr().out
-    other = folder / "other.html"
-    assert main(["report", str(folder), "--out", str(other), "--json"]) == code
+    other = folder / "other" / "report.html"
+    assert main(["run", str(folder), "--out", str(other.parent), "--json"]) == code
     assert json.loads(capsys.readouterr().out)["files"]["report"] == str(other)
     assert other.exists()
 
@@ -98,7 +98,7 @@ def test_a_run_without_control(tmp_path, capsys):
     assert main(["run", "double_lane_change", *options]) == 0
     found = saved_run.load(tmp_path)
     assert found.controlled is None and found.replay is None
-    assert main(["report", str(tmp_path)]) == 0
+    assert main(["run", str(tmp_path)]) == 0
     assert "Without control" in capsys.readouterr().out
 
 
@@ -168,5 +168,5 @@ def test_what_is_no_saved_run(folder, spoil, message, capsys):
     spoil(folder)
     with pytest.raises(CanrollError, match=message):
         saved_run.load(folder)
-    assert main(["report", str(folder)]) == 2
+    assert main(["run", str(folder)]) == 2
     assert capsys.readouterr().err.count("\n") == 1

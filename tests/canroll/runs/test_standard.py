@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from canroll.cli import run_view
+from canroll.cli import run_view, terminal
 from canroll.cli.main import main
 from canroll.report.run_page import run_page
 from canroll.runs import experiment, standard, steering_replay
@@ -111,10 +111,10 @@ def test_the_terminal_and_the_page_show_both(nonlinear, linear, capsys):
     assert '<th scope="col">replay</th>' not in run_page(linear)
     assert main(["run", "double_lane_change", "--law", "lqr", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["standard"]["name"] == "ISO 3888-1"
-    run_view.show(nonlinear)
+    terminal.show(run_view.parts(nonlinear))
     text = capsys.readouterr().out
     assert "replay" in text and "\n  controlled  " in text and "cones hit" in text
-    run_view.show(linear)
+    terminal.show(run_view.parts(linear))
     assert "no replay, as it would equal the controlled run" in capsys.readouterr().out
 
 

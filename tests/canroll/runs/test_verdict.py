@@ -141,7 +141,7 @@ def test_paths_that_cannot_be_are_refused(options, message, capsys, tmp_path, mo
 
 
 def test_limit_needs_a_criterion(capsys):
-    assert main(["limit", "roundabout"]) == 2
+    assert main(["handling", "limit", "roundabout"]) == 2
     error = capsys.readouterr().err
     assert "roundabout has no pass criterion" in error and error.count("\n") == 1
 
@@ -157,7 +157,7 @@ def test_what_limit_accepts_is_what_has_criteria():
 
 def test_limit_help_tells_its_own_default_plant(capsys):
     with pytest.raises(SystemExit):
-        main(["limit", "--help"])
+        main(["handling", "limit", "--help"])
     out = " ".join(capsys.readouterr().out.split())
     assert "(default: nonlinear)" in out and "--speed" not in out
 

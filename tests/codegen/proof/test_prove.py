@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canroll.cli import prove as command
+from canroll.cli.main import parse
 from canroll.errors import CanrollError
 from codegen.operations import intervals as iv
 from codegen.operations.intervals import Value
@@ -280,10 +281,11 @@ def test_a_removed_clamp_is_found(tmp_path, module, clamped, bare):
 
 
 def test_the_command_proves_a_calibration_of_its_own(capsys):
-    assert command.report(ecu_traffic.random_calibration(1), built_in(), name="mine") == 0
+    args = parse(["prove"])
+    assert command.report(args, ecu_traffic.random_calibration(1), built_in(), "mine") == 0
     assert "proved for mine" in capsys.readouterr().out
     with pytest.raises(CanrollError, match="rejected by rule"):
-        command.report(Calibration(), built_in(), name="mine")
+        command.report(args, Calibration(), built_in(), "mine")
 
 
 def test_one_calibration_is_narrower_than_all():

@@ -1,1 +1,1 @@
-"""The commands ``campaign``, ``faults`` and ``attacks``."""
+"""The commands ``campaign`` and ``faults``."""

@@ -1,7 +1,6 @@
 """``canroll campaign``: one calibration against many vehicles, buses, noises and faults."""
 
 import argparse
-import json
 import shlex
 import time
 from collections.abc import Callable, Iterator
@@ -13,6 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from canroll.cli import cases, terminal
 from canroll.cli.options import choices_of, folder_of, scenario
 from canroll.cli.run import answer
+from canroll.cli.terminal import Part
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.extensions.campaign import campaign_file, page, store, study
 from canroll.extensions.campaign.cli.options import DEFAULT_DRAWS
@@ -118,25 +118,20 @@ def _drive(
     data = {"files": {}, **write_page(out, "campaign", texts, numbers)}
     if campaign.file is not None:
         data["files"]["table"] = str(campaign.file)
-    if args.json:
-        print(json.dumps(data))
-        return 1 if campaign.summary.fails else 0
-    terminal.show_verdict(campaign.verdict, good=not campaign.summary.fails)
-    terminal.show_warnings(campaign.nominal.warnings)
-    for table in (page.probability_table(campaign), page.quantile_table(campaign)):
-        terminal.show_table(table)
-        print()
+    good = not campaign.summary.fails
+    parts: list[Part] = [terminal.verdict(campaign.verdict, good=good)]
+    parts += terminal.warnings(campaign.nominal.warnings)
+    parts += [page.probability_table(campaign), "", page.quantile_table(campaign), ""]
     if until is not None and not until.reached(campaign.summary):
-        print(f"--until {until.width:g} is not reached by {campaign.summary.draws} draws")
+        parts.append(f"--until {until.width:g} is not reached by {campaign.summary.draws} draws")
     worst = campaign.hardest
     before, after = (worst[f"{side}_roll_max_deg"] for side in SIDES)
-    print(
+    parts.append(
         f"hardest ({order(args.worst_by)}): draw {worst['draw']}, {worst['verdict']}, largest "
         f"roll angle {after:.2f}° instead of {before:.2f}°; "
         f"see it with\n{command} --only {worst['draw']}"
     )
-    terminal.show_files(data["files"])
-    return 1 if campaign.summary.fails else 0
+    return terminal.emit(args, data, [*parts, *terminal.files(data["files"])], good=good)
 
 
 def command_of(args: argparse.Namespace) -> str:

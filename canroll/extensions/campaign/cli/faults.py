@@ -1,15 +1,17 @@
-"""``canroll faults`` and ``canroll attacks``: catalogues, driven and judged."""
+"""``canroll faults``: a catalogue of faults or attacks, driven and judged."""
 
 import argparse
-import json
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 from canroll.cli import terminal
 from canroll.cli.cases import driven
 from canroll.cli.options import choices_of
+from canroll.cli.terminal import Part
 from canroll.extensions.campaign.attacks import suite
 from canroll.extensions.campaign.attacks.suite import AttackOutcome, Suite
+from canroll.extensions.campaign.cli.options import ATTACKS
 from canroll.extensions.campaign.faults import study as fault_study
 from canroll.extensions.campaign.faults.catalogue import CATALOGUE
 from canroll.extensions.campaign.faults.study import Coverage, JudgedFault
@@ -28,23 +30,26 @@ HEAD = (
 def run(args: argparse.Namespace) -> int:
     """Drive the catalogue and print its table; 1 if harm goes undetected that nothing excuses."""
     out = page_folder(args.out)
+    if str(args.catalogue) == ATTACKS:
+        return attacks(args, out)
     with driven(args, out) as cases:
         answer = fault_study.study(
             args.scenario, catalogue=args.catalogue or CATALOGUE, cases=cases, **choices_of(args)
         )
     data = write_page(out, "faults", {}, answer.to_json())
-    if args.json:
-        print(json.dumps(data))
-        return answer.exit_code
+    return terminal.emit(args, data, _parts(answer, every=args.all), good=not answer.exit_code)
+
+
+def _parts(answer: fault_study.FaultStudy, *, every: bool) -> Iterator[Part]:
+    """Yield the verdict, the coverage, and what happened: of the worst faults, or of all."""
     settings = answer.settings
-    print(
+    yield (
         f"{settings.scenario.replace('_', ' ')}, {settings.vehicle.name} at "
         f"{settings.speed * 3.6:.0f} km/h, {settings.law_name} with {settings.actuator} over "
         f"{settings.bus_name}"
     )
-    terminal.show_verdict(answer.verdict, good=not answer.exit_code)
-    print()
-    terminal.show_table(coverage_table(answer.coverage))
+    yield terminal.verdict(answer.verdict, good=not answer.exit_code)
+    yield from ("", coverage_table(answer.coverage))
     others = [f for f in answer.faults if f.as_expected is False and not f.harmful]
     parts: dict[str, Sequence[JudgedFault]] = {
         "Harmful and not detected": answer.undetected,
@@ -52,11 +57,10 @@ def run(args: argparse.Namespace) -> int:
         "Other than expected": others,
         "No verdict is possible": [f for f in answer.faults if f.no_verdict],
     }
-    for title, faults in ({"All faults": answer.faults} if args.all else parts).items():
+    for title, faults in ({"All faults": answer.faults} if every else parts).items():
         if faults:
-            print(f"\n{title}:")
-            print("\n".join(f"  {line(fault)}" for fault in faults))
-    return answer.exit_code
+            yield f"\n{title}:"
+            yield from (f"  {line(fault)}" for fault in faults)
 
 
 def line(fault: JudgedFault) -> str:
@@ -95,24 +99,21 @@ def coverage_table(coverage: Sequence[Coverage]) -> PageTable:
     return PageTable("Diagnostic coverage", (*head, "median", "most (ms)"), rows)
 
 
-def attacks(args: argparse.Namespace) -> int:
+def attacks(args: argparse.Namespace, out: Path | None) -> int:
     """Drive all attacks and print their tables; 1 if one gets through authentication."""
-    out = page_folder(args.out)
     with driven(args, out) as cases:
         suites = [
             suite.run(args.scenario, named=args.attack, cases=cases, **choices)
             for choices in chosen(choices_of(args))
         ]
-    code = 1 if any(each.broken for each in suites) else 0
-    data = write_page(out, "attacks", {}, {"suites": [each.to_json() for each in suites]})
-    if args.json:
-        print(json.dumps(data))
-        return code
+    good = not any(each.broken for each in suites)
+    data = write_page(out, ATTACKS, {}, {"suites": [each.to_json() for each in suites]})
+    parts: list[Part] = []
     for each in suites:
-        terminal.show_verdict(each.verdict, good=not each.broken if each.authenticated else None)
-        terminal.show_table(PageTable("", HEAD, list(rows(each))))
-        print()
-    return code
+        judged = not each.broken if each.authenticated else None
+        table = PageTable("", HEAD, list(rows(each)))
+        parts += [terminal.verdict(each.verdict, good=judged), table, ""]
+    return terminal.emit(args, data, parts, good=good)
 
 
 def chosen(choices: dict[str, Any]) -> list[dict[str, Any]]:

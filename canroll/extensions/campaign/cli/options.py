@@ -1,4 +1,4 @@
-"""The options of the commands that drive draws, faults and attacks."""
+"""The options of the commands that drive draws and faults."""
 
 from canroll.cli.options import (
     DEFAULT_SCENARIO,
@@ -15,6 +15,8 @@ from canroll.cli.options import (
 from canroll.cli.parser import Parser, flag, opt
 
 DEFAULT_DRAWS = 100
+ATTACKS = "attacks"
+"""The catalogue of attackers on the bus, in place of a file of faults."""
 EVENT_NAMES = (
     *("fails", "rollover", "rollover_passive", "wheel_lift", "wheel_lift_passive"),
     *("limit_cycle", "harm"),
@@ -47,32 +49,21 @@ def campaign(parser: Parser) -> None:
 
 
 def faults(parser: Parser) -> None:
-    """Drive and judge a catalogue of faults."""
+    """Drive and judge a catalogue of faults, or of attackers on the bus."""
+    of_attacks = {f"catalogue={ATTACKS}": "--catalogue attacks lists every attack"}
     parser.take(
         "Drive a manoeuvre with each fault of a catalogue, single and double, and judge what was "
-        "detected, when, and with what harm. Exit code 1 if anything harmful goes undetected.",
+        "detected, when, and with what harm. Exit code 1 if anything harmful goes undetected. "
+        "With --catalogue attacks: with an attacker on the bus, who sends spoofed, replayed, "
+        "damaged and foreign frames, floods, and resets of nodes; on 500k and on secured_fd, or on "
+        "--bus. Exit code 1 if a forged frame is accepted on a bus with authenticated frames.",
         scenario_named(DEFAULT_SCENARIO),
-        flag("--all", "list every fault, not only the worst"),
-        opt("--catalogue", path_named, "FILE", "TOML file (default: the shipped one)"),
+        flag("--all", "list every fault, not only the worst", excludes=of_attacks),
+        opt("--catalogue", path_named, "FILE", f"TOML file, or {ATTACKS} (default: the shipped "
+            "catalogue of faults)"),
+        opt("--attack", str, "TEXT", "only attacks whose name contains TEXT", "",
+            needs=(f"catalogue={ATTACKS}",)),
         choices([name for name in OF_A_RUN if name not in ("faults", "fault_file")]),
-        execution("fault"),
+        execution("fault or attack"),
         *NUMBERS,
-    )
-
-
-def attacks(parser: Parser) -> None:
-    """Attackers on the bus, without authentication and with it."""
-    parser.handler = "canroll.extensions.campaign.cli.faults:attacks"
-    parser.take(
-        "Drive a manoeuvre with an attacker on the bus: spoofed, replayed, damaged and foreign "
-        "frames, floods, and resets of nodes; on 500k and on secured_fd, or on --bus. "
-        "Exit code 1 if a forged frame is accepted on a bus with authenticated frames.",
-        scenario_named(DEFAULT_SCENARIO),
-        choices(
-            [name for name in OF_A_RUN if name not in ("faults", "fault_file", "duration")],
-            defaults={"bus": None},
-        ),
-        opt("--attack", str, "TEXT", "only attacks whose name contains TEXT", ""),
-        execution("attack"),
-        *NUMBERS,
-    )
+    )  # fmt: skip

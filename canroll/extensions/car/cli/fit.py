@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import tomli_w
 import vehicles
 from canroll.cli import terminal
 from canroll.cli.options import choices_of, folder_of
+from canroll.cli.terminal import Part
 from canroll.documents import with_short_lists
 from canroll.errors import CanrollError
 from canroll.extensions.car.identification.drive_log import choice_of, read
@@ -60,12 +62,8 @@ def run(args: argparse.Namespace) -> int:
     with terminal.progress(quiet=args.json) as progress:
         result = fit(log, start, settings, progress)
     files = {} if out is None else _write(result, out)
-    if args.json:
-        print(json.dumps(result.to_json() | {"files": files}))
-        return 0
-    _show(result)
-    terminal.show_files(files)
-    return 0
+    parts = [*_parts(result), *terminal.files(files)]
+    return terminal.emit(args, result.to_json() | {"files": files}, parts)
 
 
 def window_of(option: str, text: str) -> Window:
@@ -84,23 +82,21 @@ def window_of(option: str, text: str) -> Window:
     return window
 
 
-def _show(result: Fit) -> None:
-    terminal.show_verdict(result.verdict, good=None)
-    print("\n".join(explained_lines(result)))
-    terminal.show_warnings(result.remarks)
-    print()
-    terminal.show_table(fitted_table(result))
+def _parts(result: Fit) -> Iterator[Part]:
+    yield terminal.verdict(result.verdict, good=None)
+    yield from explained_lines(result)
+    yield from terminal.warnings(result.remarks)
+    yield from ("", fitted_table(result))
     if result.actuators:
-        print()
-        terminal.show_table(actuator_table(result))
-        print("\n".join(actuator_lines(result)))
-    print(measurement_line(result))
+        yield from ("", actuator_table(result))
+        yield from actuator_lines(result)
+    yield measurement_line(result)
     if kept := not_of_log(result):
-        print(f"from the vehicle file, not from the log: {', '.join(kept)}")
+        yield f"from the vehicle file, not from the log: {', '.join(kept)}"
     if result.pairs:
         pairs = [f"{first} with {second} ({r:+.2f})" for first, second, r in result.pairs]
-        print(f"strongly correlated: {', '.join(pairs)}")
-    print(left_line(result))
+        yield f"strongly correlated: {', '.join(pairs)}"
+    yield left_line(result)
 
 
 def _write(result: Fit, out: Path) -> dict[str, str]:

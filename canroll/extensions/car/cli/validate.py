@@ -2,13 +2,14 @@
 
 import argparse
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import vehicles
 from canroll.cli import terminal
 from canroll.cli.options import by_key, choices_of, folder_of
+from canroll.cli.terminal import Part
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.extensions.car.cli.fit import window_of
 from canroll.extensions.car.identification.drive_log import OUTPUTS, choice_of, read
@@ -72,12 +73,8 @@ def run(args: argparse.Namespace) -> int:
         "logs": [one.to_json() for one in validations],
     }
     files = {} if out is None else _write(validations, result, out)
-    if args.json:
-        print(json.dumps(result | {"files": files}))
-    else:
-        _show(validations)
-        terminal.show_files(files)
-    return 0 if result["passed"] else 1
+    parts = [*_parts(validations), *terminal.files(files)]
+    return terminal.emit(args, result | {"files": files}, parts, good=result["passed"])
 
 
 def _explained(given: Mapping[str, str]) -> dict[str, float]:
@@ -94,25 +91,20 @@ def _explained(given: Mapping[str, str]) -> dict[str, float]:
     return limits
 
 
-def _show(validations: Sequence[Validation]) -> None:
+def _parts(validations: Sequence[Validation]) -> Iterator[Part]:
     good = all(one.passed for one in validations)
-    terminal.show_verdict(headline(validations), good=good)
+    yield terminal.verdict(headline(validations), good=good)
     if len(validations) > 1:
-        print()
-        terminal.show_table(overview(validations))
+        yield from ("", overview(validations))
         return
     (one,) = validations
-    terminal.show_warnings(one.drive.remarks)
+    yield from terminal.warnings(one.drive.remarks)
     if one.manoeuvre != STEADY_CIRCLE:
-        print()
-        terminal.show_table(signal_table(one))
+        yield from ("", signal_table(one))
     if one.judged.criteria or one.judged.bands:
         table = figure_table(one, FIGURES)
-        if table.rows:
-            print()
-            terminal.show_table(table)
-        if table.note:
-            print(table.note)
+        yield from ("", table) if table.rows else ()
+        yield from filter(None, [table.note])
 
 
 def _write(validations: Sequence[Validation], result: dict[str, Any], out: Path) -> dict[str, str]:

@@ -1,7 +1,6 @@
 """``canroll vehicle``: a vehicle file from mass and size, one beside its class, a tyre file."""
 
 import argparse
-import json
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict
@@ -10,7 +9,7 @@ from pathlib import Path
 import tomli_w
 
 import vehicles
-from canroll.cli.terminal import show_table, show_warnings
+from canroll.cli.terminal import Part, emit, warnings
 from canroll.errors import CanrollError, reason
 from canroll.extensions.car.sizing.classes import CLASSES, HEAVIEST, class_named
 from canroll.extensions.car.sizing.estimate import SIZES, estimated
@@ -50,17 +49,16 @@ def _new(args: argparse.Namespace) -> int:
         file.write_text(tomli_w.dumps(table), encoding="utf-8")
     except OSError as error:
         raise CanrollError(f"cannot write {file}: {reason(error)}") from error
-    _show(vehicle, args)
-    if not args.json:
-        origin = Counter(source.split(" ")[0] for source in table["sources"].values())
-        more = len(known) - len(SIZES)
-        ratios = f" and {more} ratio{'s' * (more > 1)}" if more else ""
-        print(
-            f"\nwritten to {file} from {len(SIZES)} sizes{ratios}: {origin['estimated']} numbers "
-            f"estimated with their spread in [sources], {origin['given']} given by these, "
-            f"{origin['of']} of {CLASSES[args.kind].base}"
-        )
-    return 0
+    origin = Counter(source.split(" ")[0] for source in table["sources"].values())
+    more = len(known) - len(SIZES)
+    ratios = f" and {more} ratio{'s' * (more > 1)}" if more else ""
+    return _emit(
+        vehicle,
+        args,
+        f"\nwritten to {file} from {len(SIZES)} sizes{ratios}: {origin['estimated']} numbers "
+        f"estimated with their spread in [sources], {origin['given']} given by these, "
+        f"{origin['of']} of {CLASSES[args.kind].base}",
+    )
 
 
 def _number(key: str, value: str) -> float:
@@ -75,38 +73,32 @@ def _check(args: argparse.Namespace) -> int:
         class_named(args.kind, args.drive)
     elif args.drive is not None:
         raise CanrollError("--drive: it belongs to a class: add --class, or omit it")
-    _show(vehicles.load(args.vehicle), args)
-    return 0
+    return _emit(vehicles.load(args.vehicle), args)
 
 
-def _show(vehicle: Vehicle, args: argparse.Namespace) -> None:
-    """Print a vehicle's quantities, with the usual ranges of a class."""
+def _emit(vehicle: Vehicle, args: argparse.Namespace, *more: str) -> int:
+    """Print a vehicle's quantities, with the usual ranges of a class, and further lines."""
     kind = args.kind
     quantities = list(handling(vehicle, kind))
     ratios = [] if kind is None else list(beside_class(vehicle, kind, args.drive))
-    if args.json:
-        print(
-            json.dumps(
-                {
-                    "vehicle": vehicle.name,
-                    "class": kind,
-                    "handling": [asdict(quantity) for quantity in quantities],
-                    "ratios": [asdict(quantity) for quantity in ratios],
-                }
-            )
-        )
-        return
-    print(vehicle.title)
-    show_table(_table("plausible" if kind is None else "usual", quantities))
+    data = {
+        "vehicle": vehicle.name,
+        "class": kind,
+        "handling": [asdict(quantity) for quantity in quantities],
+        "ratios": [asdict(quantity) for quantity in ratios],
+    }
+    parts: list[Part] = [vehicle.title]
+    parts.append(_table("plausible" if kind is None else "usual", quantities))
     if kind is None:
-        print("\nusual ranges of a class: --class " + ", --class ".join(CLASSES))
-        return
+        parts.append("\nusual ranges of a class: --class " + ", --class ".join(CLASSES))
+        return emit(args, data, [*parts, *more])
     unusual = [each.label for each in (*quantities, *ratios) if not each.usual]
     verdict = f"unusual: {', '.join(unusual)}" if unusual else "all numbers are usual"
-    print(f"\nfor a {CLASSES[kind].title}: {verdict}")
-    show_table(_table("usual", ratios))
+    parts += [f"\nfor a {CLASSES[kind].title}: {verdict}", _table("usual", ratios)]
     if vehicle.total_mass > HEAVIEST:
-        show_warnings([f"the ratios are of vehicles up to {1e-3 * HEAVIEST:g} t, lighter than it"])
+        note = f"the ratios are of vehicles up to {1e-3 * HEAVIEST:g} t, lighter than it"
+        parts += warnings([note])
+    return emit(args, data, [*parts, *more])
 
 
 def _table(ranges: str, quantities: Iterable[ReviewedQuantity]) -> PageTable:

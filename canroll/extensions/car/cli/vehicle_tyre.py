@@ -1,10 +1,10 @@
 """``canroll vehicle tyre``: a tyre property file from a measured table."""
 
 import argparse
-import json
 from pathlib import Path
 
 from canroll.cli import terminal
+from canroll.cli.terminal import Part
 from canroll.documents import text
 from canroll.errors import CanrollError
 from canroll.extensions.car.tyres.measured import read
@@ -41,14 +41,12 @@ def run(args: argparse.Namespace) -> int:
         result = fit(table, known, args.radius, progress)
     write_text(out, file_text(result, "" if start is None else text(Path(start))))
     files = {"tyre": str(out), "picture": str(draw(result, out.with_suffix(".png")))}
-    if args.json:
-        print(json.dumps(result.to_json() | {"files": files}))
-        return 0
-    terminal.show_verdict(summary(result), good=None)
-    print(error_line(result))
-    terminal.show_warnings(result.remarks)
-    print()
-    terminal.show_table(coefficient_table(result))
-    print("\n".join(untold_lines(result)))
-    terminal.show_files(files)
-    return 0
+    parts: list[Part] = [
+        terminal.verdict(summary(result), good=None),
+        error_line(result),
+        *terminal.warnings(result.remarks),
+        *("", coefficient_table(result)),
+        *untold_lines(result),
+        *terminal.files(files),
+    ]
+    return terminal.emit(args, result.to_json() | {"files": files}, parts)

@@ -76,13 +76,13 @@ def run(args: argparse.Namespace) -> int:
         text = path.read_bytes()
     with terminal.progress(quiet=args.json) as report:
         took = _check(text, calibration, report)
-    if args.json:
-        print(json.dumps(to_json(certificate, missing, task, calibration.law, path)))
-    else:
-        print("\n".join(lines(certificate, missing, task, calibration)))
-        print(f"checked again from the file by checker.py in {took:.1f} s")
-        print(f"written: {path}")
-    return 0 if certificate.proved else 1
+    parts = [
+        *lines(certificate, missing, task, calibration),
+        f"checked again from the file by checker.py in {took:.1f} s",
+        f"written: {path}",
+    ]
+    data = to_json(certificate, missing, task, calibration.law, path)
+    return terminal.emit(args, data, parts, good=certificate.proved)
 
 
 def _certified(task: Task, calibration: LoadedCalibration, report: Progress) -> "Certificate":

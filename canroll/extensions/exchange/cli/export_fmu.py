@@ -8,7 +8,7 @@ from pathlib import Path
 import vehicles
 from canroll.cli.options import DEFAULT_SCENARIO, choices_of
 from canroll.cli.parser import check_mode
-from canroll.cli.terminal import show_warnings
+from canroll.cli.terminal import show, warnings
 from canroll.errors import CanrollError
 from canroll.extensions.exchange import body_fmu, bus_fmu, plant_fmu
 from canroll.extensions.exchange.fmu import ecu
@@ -52,7 +52,7 @@ def write_ecu(args: argparse.Namespace) -> str:
     """Write the ECU with its calibration."""
     settings, controller = plan(DEFAULT_SCENARIO, **choices_of(args))
     verified = controller.exportable(unverified=args.unverified)
-    show_warnings(controller.warnings)
+    show(warnings(controller.warnings))
     title = (
         f"roll-control ECU, {controller.law} for {controller.vehicle.name}, "
         f"{controller.actuator}{'' if verified else ', NOT VERIFIED'}"

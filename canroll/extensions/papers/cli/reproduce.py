@@ -1,7 +1,6 @@
 """``canroll reproduce``: every table of the four papers recomputed, with a verdict per number."""
 
 import argparse
-import json
 
 from canroll.cli import terminal
 from canroll.cli.cases import driven
@@ -23,11 +22,7 @@ def run(args: argparse.Namespace) -> int:
         "tables": (".md", lambda: reproduce.to_markdown(parts)),
     }
     data = write_page(out, "reproduction", texts, reproduce.to_json(parts))
-    if args.json:
-        print(json.dumps(data))
-        return 0
     head = ("", *parts[0].counts)
     rows = [[part.paper.name, *map(str, part.counts.values())] for part in parts]
-    terminal.show_table(PageTable("", head, rows))
-    terminal.show_files(data.get("files", {}))
-    return 0
+    files = terminal.files(data.get("files", {}))
+    return terminal.emit(args, data, [PageTable("", head, rows), *files])

@@ -1,4 +1,4 @@
-"""``canroll attacks``: buses, tables, verdicts and exit codes."""
+"""``canroll faults --catalogue attacks``: buses, tables, verdicts and exit codes."""
 
 import json
 from types import SimpleNamespace
@@ -36,7 +36,7 @@ def driven(monkeypatch):
 
 
 def test_both_buses_are_attacked(driven, capsys):
-    assert main(["attacks", "--jobs", "2"]) == 0
+    assert main(["faults", "--catalogue", "attacks", "--jobs", "2"]) == 0
     assert [choices["bus"] for _, choices in driven] == ["500k", "secured_fd"]
     shown = capsys.readouterr().out
     assert "500k, not authenticated: 80 forged frames, accepted 0 times; 1 of 1 attacks" in shown
@@ -45,7 +45,8 @@ def test_both_buses_are_attacked(driven, capsys):
 
 @pytest.mark.parametrize(("bus", "code"), [("500k", 0), ("secured_fd", 1)])
 def test_only_what_gets_through_authentication_fails(driven, bus, code, capsys):
-    assert main(["attacks", "moose", "--bus", bus, "--seed", "3", "--jobs", "2", "--json"]) == code
+    words = ["moose", "--catalogue", "attacks", "--bus", bus, "--seed", "3", "--jobs", "2"]
+    assert main(["faults", *words, "--json"]) == code
     assert driven[0][0] == "moose"
     (found,) = json.loads(capsys.readouterr().out)["suites"]
     assert (found["accepted"], found["authenticated"]) == (3, code == 1)

@@ -99,7 +99,7 @@ def test_neither_the_file_nor_its_folder_is_needed(camper, tmp_path, monkeypatch
     calibration = str(tmp_path / camper)
     assert main(["run", *run[1:3], calibration, "--duration", "1"]) == 0
     assert main(["margins", calibration]) in (0, 1)
-    assert main(["report", str(folder)]) == 0
+    assert main(["run", str(folder)]) == 0
     assert main(["compare", str(folder), calibration, "--duration", "1"]) == 0
     told = capsys.readouterr()
     assert "other numbers" not in told.out + told.err
