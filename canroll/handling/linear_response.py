@@ -92,8 +92,7 @@ def linear_response(
 
     Raises:
         CanrollError: there is no such curve, the body cannot be linearised, or friction has no
-        effect
-            on it.
+            effect on it.
     """
     trim = find_trim(
         vehicle,

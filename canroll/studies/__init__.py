@@ -1,1 +1,1 @@
-"""Many runs: comparison, equal effort, campaign."""
+"""Many runs: comparison, equal effort, severe manoeuvres; and a recorded drive."""

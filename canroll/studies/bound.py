@@ -52,8 +52,7 @@ class EffortBound:
         Args:
             roll: at the end of each interval, rad.
             response: roll angle at the same instants in response to 1 N·m held over the first
-            interval,
-                rad.
+                interval, rad.
         """
         lower: NDArray[np.float64] = toeplitz(response, np.zeros(len(response)))
         left, gain, _ = np.linalg.svd(lower)

@@ -38,36 +38,36 @@ from canroll.studies.effort_rows import (
 from canroll.studies.variation import NONE, population
 from plant_sim.bodies import own_body
 
+OF_PAPERS, ALL = "roll_rate_only", "all_sensors"
+"""What laws measure."""
 ENTRIES = (
     EffortEntry("passive", "", {"law": "passive"}, scaled=False),
     EffortEntry("best passive bar", "", {"law": "passive"}, scaled=False, best_bar=True),
-    EffortEntry("hinf_delay", "roll_rate_only", {"law": "hinf_delay"}),
-    EffortEntry("hinf_nodelay", "roll_rate_only", {"law": "hinf_nodelay"}),
-    EffortEntry("hinf_event", "roll_rate_only", {"law": "hinf_event"}),
-    EffortEntry("plain_feedforward", "all_sensors", {"law": "plain_feedforward"}),
-    EffortEntry("ay_feedforward", "all_sensors", {"law": "ay_feedforward"}),
-    EffortEntry("rate_feedforward", "all_sensors", {"law": "rate_feedforward"}),
-    EffortEntry("lqr, feedback only", "all_sensors", {"law": "lqr", "feedforward": False}),
-    EffortEntry("smc, feedback only", "all_sensors", {"law": "smc", "feedforward": False}),
-    EffortEntry("lqr", "all_sensors", {"law": "lqr"}),
-    EffortEntry("hinf", "all_sensors", {"law": "hinf"}),
-    EffortEntry("smc", "all_sensors", {"law": "smc"}),
-    EffortEntry("lqg_delay", "all_sensors", {"law": "lqg_delay"}),
-    EffortEntry("steering_lead", "all_sensors", {"law": "steering_lead"}),
+    *(
+        EffortEntry(law, OF_PAPERS, {"law": law})
+        for law in ("hinf_delay", "hinf_nodelay", "hinf_event")
+    ),
+    *(
+        EffortEntry(law, ALL, {"law": law})
+        for law in ("plain_feedforward", "ay_feedforward", "rate_feedforward")
+    ),
+    *(
+        EffortEntry(f"{law}, feedback only", ALL, {"law": law, "feedforward": False})
+        for law in ("lqr", "smc")
+    ),
+    *(
+        EffortEntry(law, ALL, {"law": law})
+        for law in ("lqr", "hinf", "smc", "lqg_delay", "steering_lead")
+    ),
 )
-PRINTED = (
+PRINTED = tuple(
     EffortEntry(
-        "hinf_delay as printed",
-        "roll_rate_only",
-        {"law": "hinf_delay", "gains": "as_printed", "unverified": True},
+        f"{law} as printed",
+        OF_PAPERS,
+        {"law": law, "gains": "as_printed", "unverified": True},
         scaled=False,
-    ),
-    EffortEntry(
-        "hinf_event as printed",
-        "roll_rate_only",
-        {"law": "hinf_event", "gains": "as_printed", "unverified": True},
-        scaled=False,
-    ),
+    )
+    for law in ("hinf_delay", "hinf_event")
 )
 """Laws whose printed gains are for one vehicle: van_2021."""
 REFERENCE = "plain_feedforward"
