@@ -1,7 +1,7 @@
 """``canroll compare``: runs, laws or speeds on one page; a population of vehicles in one table."""
 
 import argparse
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from canroll.cli import terminal
@@ -13,7 +13,7 @@ from canroll.errors import CanrollError
 from canroll.report.page import PageTable
 from canroll.report.run_folder import write_page
 from canroll.report.staging import page_folder
-from canroll.setup.choices import CHOICES, chosen
+from canroll.setup.choices import CHOICES, OF_ONE_MANOEUVRE, chosen
 from canroll.studies import comparison, equal_effort, severe, variation
 from canroll.studies.comparison import Comparison
 from canroll.studies.comparison_page import (
@@ -95,9 +95,9 @@ def _warnings(answer: Comparison) -> list[str]:
 
 def at_equal_effort(args: argparse.Namespace) -> int:
     """Drive every law over the simulated bus at equal effort, with a population of vehicles."""
-    for name in OF_RUNS:
-        refuse(args, name, "--runs drives every law, with seeds of its own")
-    choices = _of_a_population(args)
+    choices = _of_a_population(args, OF_RUNS, "--runs drives every law, with seeds of its own")
+    if args.speeds is not None:
+        choices["speed_kmh"] = CHOICES["speed_kmh"].read(args.speeds)
     if args.effort is not None and not 1.0 <= args.effort <= LARGEST_EFFORT:
         raise CanrollError(
             f"--effort {args.effort:g}: must be 1 to {LARGEST_EFFORT:g} N·m of RMS moment"
@@ -126,7 +126,8 @@ def at_equal_effort(args: argparse.Namespace) -> int:
 def severe_manoeuvres(args: argparse.Namespace) -> int:
     """Drive the severe manoeuvres with a population of vehicles."""
     refuse(args, "effort", "the severe manoeuvres are driven at the effort of the law")
-    choices = _of_a_population(args)
+    why = "it does not apply to several manoeuvres and vehicles"
+    choices = _of_a_population(args, ("speeds", *OF_ONE_MANOEUVRE), why)
     out = page_folder(args.out)
     runs = VEHICLES if args.runs is None else args.runs
     with driven(args, out) as cases:
@@ -143,11 +144,16 @@ def severe_manoeuvres(args: argparse.Namespace) -> int:
     return terminal.emit(args, data, [title, *terminal.plain(answer.shown())])
 
 
-def _of_a_population(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the choices of runs with a population of vehicles."""
+def _of_a_population(
+    args: argparse.Namespace, without: Collection[str], why: str
+) -> dict[str, Any]:
+    """Return the choices of runs with a population of vehicles, ``without`` those of single runs.
+
+    Raises:
+        CanrollError: one of these is on the command line, or a run.
+    """
     if args.what:
         raise CanrollError(f"{args.what[0]}: --runs drives laws of its own: omit it")
-    choices = choices_of(args)
-    if args.speeds is not None:
-        choices["speed_kmh"] = CHOICES["speed_kmh"].read(args.speeds)
-    return choices
+    for name in without:
+        refuse(args, name, why)
+    return {name: value for name, value in choices_of(args).items() if name not in without}

@@ -285,10 +285,10 @@ def check_mode(
 
 
 def refuse(args: argparse.Namespace, name: str, why: str) -> None:
-    """Refuse an option that is found to have no effect, by its destination.
+    """Refuse an option that is found to have no effect, unless a project file has it.
 
     Raises:
-        CanrollError: it is given.
+        CanrollError: it is on the command line; ``name`` is its destination.
     """
-    if name in args.given:
+    if name in args.written:
         raise CanrollError(f"{args.parser.spelt(name)}: {why}: omit it")

@@ -4,6 +4,8 @@ import sys
 import pytest
 
 from canroll.cli.main import main, parse
+from canroll.errors import CanrollError
+from canroll.studies import equal_effort, severe
 
 
 @pytest.fixture
@@ -47,6 +49,22 @@ def test_what_does_not_apply_to_a_saved_run_is_no_fault_of_the_file(folder, caps
     written(folder, 'vehicle = "suv_2020"\n')
     assert main(["run", "."]) == 2
     assert "not a saved run" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("of", [["--scenario", "severe"], ["--runs", "2"]])
+def test_a_population_passes_over_what_the_file_says_of_single_runs(folder, monkeypatch, of):
+    written(folder, 'vehicle = "suv_2020"\nlaw = "lqr"\nseed = 3\nspeed = 70.0\n')
+    driven = []
+
+    def drive(*_, **choices):
+        driven.append(choices)
+        raise CanrollError("driven")
+
+    monkeypatch.setattr(severe, "study", drive)
+    monkeypatch.setattr(equal_effort, "compare", drive)
+    monkeypatch.setattr(equal_effort, "half_upright", lambda *_, **__: 400.0)
+    assert main(["compare", *of]) == 2
+    assert driven[0]["vehicle"] == "suv_2020" and "seed" not in str(driven)
 
 
 def test_what_belongs_to_another_option_is_not_taken(folder):
