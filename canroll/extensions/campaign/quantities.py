@@ -9,6 +9,7 @@ from canroll.errors import CanrollError, UnknownNameError
 from canroll.extensions.campaign.distributions import Continuous, Distribution, is_number
 from canroll.extensions.campaign.space import Correlation
 from canroll.runs import conditions
+from canroll.runs.experiment import maneuver_of
 from canroll.runs.result import Settings
 from canroll.studies.variation import ROLL_MODEL, TYRES
 from plant_sim.can_bus import load_profile
@@ -85,13 +86,7 @@ def _check_value(nominal: Settings, name: str, value: Any) -> None:  # noqa: ANN
         raise CanrollError(f"{value:g} must be 0 to {1e3 * nominal.tick:g} ms")
     settings = drawn(nominal, {name: value}, seed=nominal.seed)
     conditions.options(dict(settings.conditions))
-    maneuvers.build(
-        settings.scenario,
-        nominal.vehicle,
-        settings.speed,
-        settings.seed,
-        **dict(settings.options),
-    )
+    maneuver_of(replace(settings, vehicle=nominal.vehicle))
 
 
 def _is_text(nominal: Settings, name: str) -> bool:

@@ -11,11 +11,10 @@ from scipy.stats import rankdata, spearmanr
 from canroll.errors import CanrollError
 from canroll.extensions.campaign.plan import GOOD, CampaignPlan, Columns
 from canroll.extensions.campaign.summary import Summary, count_of, reduction, taken
-from canroll.setup.delay import sample_to_force
+from canroll.runs.experiment import delay_of
 from gain_gen.analysis.family import Condition, family
 from gain_gen.calibration.dequantise import dequantise
 from gain_gen.models.task import Task
-from plant_sim.can_bus import load_profile
 
 BINS = 20
 LEAST_BIN = 10
@@ -157,8 +156,7 @@ CAP = 60.0
 def _margins(plan: CampaignPlan, draw: int) -> tuple[float, float, float]:
     """Return gain, phase and modulus margin of a draw."""
     settings = plan.draw(draw)
-    profile = load_profile(settings.bus, settings.dbc, settings.map)
-    delay = sample_to_force(settings.vehicle, settings.command, profile, tick=settings.tick)
+    delay = delay_of(settings)
     task = Task(
         vehicle=settings.vehicle, delay=delay, tick=settings.tick, actuator=settings.actuator
     )

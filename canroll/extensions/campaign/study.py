@@ -215,32 +215,9 @@ def campaign(
             raise CanrollError(f"{name}={count}: must be at least 1")
     if seed is not None:
         CHOICES["seed"].check(seed)
+    check(choices)
     profiles = several(buses)
-    is_file = str(what).endswith(".toml")
-    if is_file:
-        for name, given in (
-            ("spread", spread),
-            ("buses", profiles),
-            ("faults", choices.get("faults")),
-        ):
-            if given:
-                raise CanrollError(f"{name}: write what is drawn into {what}")
-        request = campaign_file.load(Path(what), choices, runs=runs, seed=seed)
-    else:
-        check(choices)
-        faults = fault_texts(choices)
-        fixed = {k: v for k, v in choices.items() if k not in ("faults", "fault_file")}
-        request = campaign_file.of_options(
-            what,
-            fixed | ({"bus": profiles[0]} if profiles else {}),
-            runs=100 if runs is None else runs,
-            seed=CHOICES["seed"].default if seed is None else seed,
-            spread=spread_from(spread or {}),
-            stated=tuple(spread or {}),
-            buses=profiles,
-            faults=faults,
-        )
-    plan = request.plan()
+    plan = request(what, choices, runs=runs, seed=seed, spread=spread or {}, buses=profiles).plan()
     store = None
     if folder is not None:
         store = opened(Path(folder), plan.digest, plan.description, resume=True)
@@ -250,6 +227,43 @@ def campaign(
     for more in chunks[1:]:
         draws = joined(draws, more)
     return replace(finished, draws=draws)
+
+
+def request(
+    what: str,
+    choices: Mapping[str, Any],
+    *,
+    runs: int | None,
+    seed: int | None,
+    spread: Mapping[str, float | str],
+    buses: Sequence[str],
+    words: Sequence[str] = ("spread", "faults", "buses"),
+) -> campaign_file.CampaignRequest:
+    """Return the campaign of a file or of arguments, which :func:`campaign` describes.
+
+    Raises:
+        CanrollError: an invalid name or number, or what a file says itself, by its name in
+            ``words``.
+    """
+    faults = fault_texts(choices)
+    fixed = {k: v for k, v in choices.items() if k not in ("seed", "faults", "fault_file")}
+    if buses:
+        fixed["bus"] = buses[0]
+    if what.endswith(".toml"):
+        for word, given in zip(words, (spread, faults, len(buses) > 1), strict=True):
+            if given:
+                raise CanrollError(f"{word}: write what is drawn into {what}")
+        return campaign_file.load(Path(what), fixed, runs=runs, seed=seed)
+    return campaign_file.of_options(
+        what,
+        fixed,
+        runs=100 if runs is None else runs,
+        seed=CHOICES["seed"].default if seed is None else seed,
+        spread=spread_from(spread),
+        stated=tuple(spread),
+        buses=buses,
+        faults=faults,
+    )
 
 
 def run(plan: CampaignPlan, means: Means, *, until: Until | None = None) -> Campaign:

@@ -15,16 +15,13 @@ from canroll.cli.run import answer
 from canroll.cli.terminal import Part
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.extensions.campaign import campaign_file, page, store, study
-from canroll.extensions.campaign.cli.options import DEFAULT_DRAWS
 from canroll.extensions.campaign.plan import SIDES, CampaignPlan
 from canroll.extensions.campaign.summary import REDUCTION, Summary, order
 from canroll.report.console import Console
 from canroll.report.run_folder import write_page
 from canroll.report.staging import page_folder
-from canroll.runs import conditions, experiment
+from canroll.runs import experiment
 from canroll.runs.metrics import BY_KEY
-from canroll.setup.choices import CHOICES
-from canroll.studies import variation
 
 CHUNKS = "campaign"
 """Folder of the chunks in the output folder."""
@@ -67,32 +64,14 @@ def _check(args: argparse.Namespace) -> None:
 def _request(args: argparse.Namespace) -> campaign_file.CampaignRequest:
     """Return the campaign of the command line."""
     choices = choices_of(args)
-    seed = choices.pop("seed", None)
-    faults = conditions.fault_texts(choices)
-    for name in ("faults", "fault_file"):
-        choices.pop(name, None)
-    buses = choices.pop("bus", [])
-    if buses:
-        choices["bus"] = buses[0]
-    what = args.what
-    if what.endswith(SUFFIX):
-        for option, given in (
-            ("--spread", bool(args.spread)),
-            ("--fault", bool(faults)),
-            ("several --bus", len(buses) > 1),
-        ):
-            if given:
-                raise CanrollError(f"{option}: write what is drawn into {what}")
-        return campaign_file.load(Path(what), choices, runs=args.runs, seed=seed)
-    return campaign_file.of_options(
-        scenario(what),
+    return study.request(
+        args.what if args.what.endswith(SUFFIX) else scenario(args.what),
         choices,
-        runs=DEFAULT_DRAWS if args.runs is None else args.runs,
-        seed=CHOICES["seed"].default if seed is None else seed,
-        spread=variation.spread_from(dict(args.spread)),
-        stated=tuple(dict(args.spread)),
-        buses=buses,
-        faults=faults,
+        runs=args.runs,
+        seed=choices.get("seed"),
+        spread=dict(args.spread),
+        buses=choices.pop("bus", []),
+        words=("--spread", "--fault", "several --bus"),
     )
 
 

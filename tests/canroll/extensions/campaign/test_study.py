@@ -145,7 +145,7 @@ def test_an_unfinished_campaign_is_resumed_and_never_overwritten(alone, tmp_path
 @pytest.mark.parametrize("changed", ["own.dbc", "own.toml", "progressive.py"])
 def test_another_file_of_the_same_name_is_another_campaign(tmp_path, changed):
     """What a draw reads besides its choices: resumed with it changed, the table would be mixed."""
-    examples = Path(__file__).parents[3] / "examples"
+    examples = Path(__file__).parents[4] / "examples"
     for name in ("own_bus/own.dbc", "own_bus/own.toml", "own_stage/progressive.py"):
         shutil.copy(examples / name, tmp_path)
     choices = {
