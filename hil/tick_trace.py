@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import UNREADABLE, CanrollError, reason, writing
-from canroll.runs.trace import TICK, entries, record_tick, restored
+from canroll.runs.trace import entries, restored
+from canroll.runs.virtual_time import TickRows
 from codegen.run.backends import Backend
 from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.secured import NEW, Lasting
@@ -233,18 +234,18 @@ def replay(
     """
     ecu = through(ecu_of(trace, backend, firmware=firmware, key=key))
     ticks, recorded_frames = np.asarray(trace.ticks), np.asarray(trace.frames)
-    rows = np.zeros(len(ticks), TICK)
+    rows = TickRows((firmware or built_in()).record)
     difference = None
     first = 0
-    for row, tick in zip(rows, ticks, strict=True):
+    for tick in ticks:
         frames = recorded_frames[first : first + int(tick["frames"])]
         first += len(frames)
         answer = _replay_tick(ecu, frames, int(tick["elapsed"]))
         recorded = [_frame(frame) for frame in frames[frames["sent"] == 1]]
         if difference is None and answer != recorded:
             difference = f"tick {int(tick['number'])}: {_text(answer)}, not {_text(recorded)}"
-        record_tick(row, (int(tick["start_ns"]) - start_ns) * 1e-9, ecu.state)
-    return TickReplay(rows, difference)
+        rows.add((int(tick["start_ns"]) - start_ns) * 1e-9, ecu.image())
+    return TickReplay(np.asarray(rows.rows()), difference)
 
 
 def _replay_tick(ecu: Backend, frames: NDArray[np.void], elapsed: int) -> list[Frame]:

@@ -1,7 +1,7 @@
 """Record of a run, as arrays, and records as NumPy archives: an entry for each field."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar, get_origin, get_type_hints
 
@@ -108,11 +108,6 @@ class Trace:
         return table
 
 
-def record_tick(row: np.void, t: float, state: Ecu) -> None:
-    """Fill an entry of :data:`TICK` from the state after a tick at ``t`` seconds."""
-    _fill(row, t, lambda name: getattr(state, name))
-
-
 def tick_rows(
     times: Sequence[float],
     images: Sequence[bytes],
@@ -123,25 +118,19 @@ def tick_rows(
     ``record`` is the class of the state record, which differs between buses.
     """
     states = np.frombuffer(b"".join(images), dtype(record))
-    rows = np.zeros(len(states), TICK)
-    _fill(rows, times, lambda name: np.moveaxis(states[name], 0, -1))
+    rows, state = np.zeros(len(states), TICK), states["x"].T
+    rows["t"] = times
+    rows["mode"] = states["mode"]
+    rows["triggered"] = states["triggered"]
+    rows["fault_codes"] = states["fault_active"]
+    rows["moment"] = states["moment"] / 2**formats.Q_MOMENT
+    rows["outputs"] = states["outputs"] / 2**formats.Q_MOMENT
+    rows["roll"] = state[ROLL] / 2**formats.Q_ANGLE
+    rows["roll_rate"] = state[ROLL_RATE] / 2**formats.Q_RATE
+    rows["lateral_acceleration"] = state[LATERAL] / 2**formats.Q_ACCELERATION
+    rows["lateral_rate"] = state[LATERAL_RATE] / 2**formats.Q_ACCELERATION
+    rows["gyro_bias"] = state[GYRO_BIAS] / 2**formats.Q_RATE
     return rows
-
-
-def _fill(rows: Any, t: Any, field: Callable[[str], Any]) -> None:  # noqa: ANN401
-    """Fill one entry or many: ``field`` returns a field of the record, ticks on the last axis."""
-    state = field("x")
-    rows["t"] = t
-    rows["mode"] = field("mode")
-    rows["triggered"] = field("triggered")
-    rows["fault_codes"] = field("fault_active")
-    rows["moment"] = np.divide(field("moment"), 2**formats.Q_MOMENT)
-    rows["outputs"] = np.transpose(np.divide(field("outputs"), 2**formats.Q_MOMENT))
-    rows["roll"] = np.divide(state[ROLL], 2**formats.Q_ANGLE)
-    rows["roll_rate"] = np.divide(state[ROLL_RATE], 2**formats.Q_RATE)
-    rows["lateral_acceleration"] = np.divide(state[LATERAL], 2**formats.Q_ACCELERATION)
-    rows["lateral_rate"] = np.divide(state[LATERAL_RATE], 2**formats.Q_ACCELERATION)
-    rows["gyro_bias"] = np.divide(state[GYRO_BIAS], 2**formats.Q_RATE)
 
 
 def entries(record: object, prefix: str = "") -> dict[str, archive.Entry]:
