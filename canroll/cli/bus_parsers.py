@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from canroll.cli.options import JSON, SECTION, choices
-from canroll.cli.parser import Parser, Relations, flag, opt, related
+from canroll.cli.parser import Parser, flag, opt, related
 from canroll.network import COMMANDS, SENSOR
 from plant_sim.can_bus.servers import SOCKETCAND_PORT
 
@@ -59,8 +59,8 @@ def bus(parser: Parser) -> None:
             "--replay one", only=(LOG,),
             outside=" selects a channel of a log: --replay is required"),
         SECTION,
-        related(Relations(only=(LOG,), outside=" selects a section of a log: --replay is required"),
-                "section"),
+        related("section",
+                only=(LOG,), outside=" selects a section of a log: --replay is required"),
         opt("--sensor", str, None, "sensor message (default: %(default)s)", SENSOR, **ANALYSED),
         opt("--command", str, None, f"command message (default: the first of {', '.join(COMMANDS)} "
             "that is there)", **ANALYSED),
@@ -72,5 +72,5 @@ def bus(parser: Parser) -> None:
         opt("--host", str, None, "with --serve (default: %(default)s)", "127.0.0.1",
             needs=("serve",)),
         JSON,
-        related(Relations(**ANALYSED), "json"),
+        related("json", **ANALYSED),
     )  # fmt: skip

@@ -15,7 +15,7 @@ from canroll.cli.options import (
     services,
     verbose,
 )
-from canroll.cli.parser import Parser, Relations, flag, opt, related, repeated
+from canroll.cli.parser import Parser, flag, opt, related, repeated
 from codegen.export.prefix import DEFAULT
 from codegen.run import BACKENDS
 
@@ -49,10 +49,9 @@ def design(parser: Parser) -> None:
         JSON,
         verbose("the numbers without a limit and the least faults that can be found"),
         opt("--out", path_named, "DIR", "folder for the files (default: out)"),
-        related(Relations(excludes={"compare": "--compare designs every law"}), "law"),
-        related(Relations(excludes={"compare": "--compare designs laws without a stage"}), "stage"),
-        related(Relations(excludes={"compare": "--compare prints one line a law"}),
-                "verbose", "uncertainty"),
+        related("law", excludes={"compare": "--compare designs every law"}),
+        related("stage", excludes={"compare": "--compare designs laws without a stage"}),
+        related("verbose", "uncertainty", excludes={"compare": "--compare prints one line a law"}),
     )  # fmt: skip
 
 
@@ -80,8 +79,7 @@ def timing(parser: Parser) -> None:
         opt("--processor", PROCESSORS, None, "default: %(default)s", "cortex-m4", **ON_TARGET),
         opt("--counter", ("qemu", "unicorn"), None, "instruction counter (default: qemu if "
             "installed)", **ON_TARGET),
-        related(Relations(excludes={"bound": "--bound reads the code, and replays it by qemu"}),
-                "counter"),
+        related("counter", excludes={"bound": "--bound reads the code, and replays it by qemu"}),
         flag("--specialise", "the firmware specialised for the calibration, as export-c "
              "--specialise writes it", **ON_TARGET),
         flag("--hil", "run in real time; verdict on tick, latency and misses"),
@@ -134,8 +132,7 @@ def export_c(parser: Parser) -> None:
             "in one image (default: %(default)s)", DEFAULT,
             excludes={"elf": "the bundle has its own"}),
         *service_flags(services(exported=True)),
-        related(Relations(excludes={
-            "specialise": "--specialise has the calibration compiled in"}),
-            "elf", "address", *services(exported=True)),
-        related(Relations(excludes={"elf": "the image says its own"}), "address", "byte_order"),
+        related("elf", "address", *services(exported=True),
+                excludes={"specialise": "--specialise has the calibration compiled in"}),
+        related("address", "byte_order", excludes={"elf": "the image says its own"}),
     )  # fmt: skip

@@ -8,7 +8,7 @@ from typing import Any, cast
 import vehicles
 from canroll.cli.commands import COMMANDS, parser_of
 from canroll.cli.options import JSON, path_named
-from canroll.cli.parser import Parser, Relations, opt, related
+from canroll.cli.parser import Parser, opt, related
 from canroll.errors import optional
 from canroll.registry import BUILT_IN, Registry
 from canroll.setup.choices import CHOICES
@@ -40,7 +40,7 @@ def listing(parser: Parser) -> None:
         opt("--shell", ("bash", "zsh", "tcsh"), None, "of completion (default: %(default)s)",
             "bash", needs=(f"kind={COMPLETION}",), why=f"canroll list {COMPLETION}"),
         JSON,
-        related(Relations(excludes={f"kind={COMPLETION}": "a script is no list"}), "json"),
+        related("json", excludes={f"kind={COMPLETION}": "a script is no list"}),
     )  # fmt: skip
 
 

@@ -236,9 +236,9 @@ def repeated(names: str, kind: Any, metavar: str, help: str, **more: Any) -> Opt
     return opt(names, kind, metavar, f"{help}; may be repeated", action="append", **more)
 
 
-def related(relations: Relations, *names: str) -> Option:
-    """Return what declares relations of options before it, by their destinations."""
-    return lambda parser: parser.relate(relations, *names)
+def related(*names: str, **relations: Any) -> Option:  # noqa: ANN401
+    """Return what declares :class:`Relations` of options before it, by their destinations."""
+    return lambda parser: parser.relate(Relations(**relations), *names)
 
 
 class _HelpAll(argparse.Action):

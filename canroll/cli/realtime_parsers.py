@@ -14,7 +14,7 @@ from canroll.cli.options import (
     service_flags,
     services,
 )
-from canroll.cli.parser import Parser, Relations, flag, opt, related
+from canroll.cli.parser import Parser, flag, opt, related
 from canroll.setup.choices import CHOICES
 from hil.hardware.bus_options import add_bus_arguments
 
@@ -94,18 +94,17 @@ def ecu(parser: Parser) -> None:
         *answer("the page of a bus log"),
         *service_flags(services()),
         MEMORY,
-        related(Relations(only=(DRIVE,),
-                          outside=": it belongs to --replay of a bus log: omit it"),
-                "section", "out", "json", "fitted"),
-        related(Relations(only=(ON_A_BUS, DRIVE)), "calibration", "channel"),
-        related(Relations(only=(ON_A_BUS, TRACE)), *services()),
-        related(Relations(only=(ON_A_BUS,)),
-                *("interface", "bitrate", "fd", "data_bitrate", "bus_kwargs", "timing", "duration"),
-                *("phase_ms", "trace", "pace", "peer_timeout", "cpu", "memory")),
-        related(Relations(excludes={"pace=lockstep": "in lock step the plant grants the ticks: "
-                          "give it to 'canroll plant'"}), "phase_ms"),
-        related(Relations(excludes={"pace=lockstep": "a tool does not wait for grants"}),
-                *services()),
+        related("section", "out", "json", "fitted",
+                only=(DRIVE,), outside=": it belongs to --replay of a bus log: omit it"),
+        related("calibration", "channel", only=(ON_A_BUS, DRIVE)),
+        related(*services(), only=(ON_A_BUS, TRACE)),
+        related(*("interface", "bitrate", "fd", "data_bitrate", "bus_kwargs", "timing", "duration"),
+                *("phase_ms", "trace", "pace", "peer_timeout", "cpu", "memory"),
+                only=(ON_A_BUS,)),
+        related("phase_ms",
+                excludes={"pace=lockstep": "in lock step the plant grants the ticks: give it to "
+                          "'canroll plant'"}),
+        related(*services(), excludes={"pace=lockstep": "a tool does not wait for grants"}),
     )  # fmt: skip
 
 
@@ -128,10 +127,9 @@ def plant(parser: Parser) -> None:
         *RECORDING,
         opt("--record", Path, "FILE", argparse.SUPPRESS),
         MEMORY,
-        related(Relations(excludes={"interface": "it is of the plant's own bus, not of -i"}),
-                "serve"),
-        related(Relations(needs=("pace=lockstep",),
-                          why="--pace lockstep, in real time to 'canroll ecu'"), "phase_ms"),
+        related("serve", excludes={"interface": "it is of the plant's own bus, not of -i"}),
+        related("phase_ms",
+                needs=("pace=lockstep",), why="--pace lockstep, in real time to 'canroll ecu'"),
     )  # fmt: skip
 
 

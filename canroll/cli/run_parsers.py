@@ -17,7 +17,7 @@ from canroll.cli.options import (
     scenario,
     verbose,
 )
-from canroll.cli.parser import Parser, Relations, flag, opt, related
+from canroll.cli.parser import Parser, flag, opt, related
 from canroll.setup.choices import CHOICES
 from plant_sim.driving import MANEUVERS
 
@@ -56,7 +56,7 @@ def run(parser: Parser) -> None:
         *RECORDING,
         flag("--no-trace", "without trace.npz, some 40 MB a minute: the run cannot be read again",
              dest="trace", action="store_false"),
-        related(Relations(only=(NEW,)), "vehicle_set", *CHOICES, "log", "signals", "trace"),
+        related("vehicle_set", *CHOICES, "log", "signals", "trace", only=(NEW,)),
         *answer("report, log, header"),
         verbose("response times, trigger and phase"),
     )  # fmt: skip
@@ -68,7 +68,6 @@ def _manoeuvre_or_folder(text: str) -> str | Path:
 
 def compare(parser: Parser) -> None:
     """Compare runs, laws or speeds on one page, or laws by a population of vehicles."""
-    population = Relations(needs=("runs", f"scenario={SEVERE}"), why="--runs")
     parser.take(
         "Drive the same manoeuvre with several controllers, at one or several speeds, and compare "
         "them; saved runs are read from their folders, options apply to the new runs. With --runs "
@@ -90,7 +89,7 @@ def compare(parser: Parser) -> None:
         SPREAD,
         choices([name for name in CHOICES if name != "speed_kmh"]),
         execution("run, law, or pair of severe manoeuvre and vehicle"),
-        related(population, "spread", "resume"),
+        related("spread", "resume", needs=("runs", f"scenario={SEVERE}"), why="--runs"),
         *answer("the page, of a population with --out alone for the numbers"),
     )  # fmt: skip
 
@@ -117,10 +116,9 @@ def handling(parser: Parser) -> None:
         opt("scenario", scenario, None, "of limit: the manoeuvre", nargs="?"),
         choices(("vehicle", "plant", *CONTROL, *OF_THE_CONTROLLED, *OF_A_LIMIT),
                 defaults={"law": None}),
-        related(Relations(needs=(*CONTROL, "what=limit"), why="--law or --calibration"),
-                *OF_THE_CONTROLLED),
-        related(Relations(**LIMIT), *OF_A_LIMIT),
-        related(Relations(excludes={"linear": "--linear drives nothing"}), *CONTROL),
+        related(*OF_THE_CONTROLLED, needs=(*CONTROL, "what=limit"), why="--law or --calibration"),
+        related(*OF_A_LIMIT, **LIMIT),
+        related(*CONTROL, excludes={"linear": "--linear drives nothing"}),
         opt("--radius", float, "M", "of the circle (default: 100)", 100.0, **CIRCLE),
         opt("--speed", float, "KMH", "default: 100", 100.0, **RESPONSE),
         opt("--load", LOADS, None, "laden or empty (default: %(default)s)", LOADS[0], **RESPONSE),

@@ -1,7 +1,7 @@
 """The options of ``canroll certify``."""
 
 from canroll.cli.options import JSON, choices, path_named
-from canroll.cli.parser import Parser, Relations, opt, related
+from canroll.cli.parser import Parser, opt, related
 
 
 def certify(parser: Parser) -> None:
@@ -12,7 +12,7 @@ def certify(parser: Parser) -> None:
         opt("calibration", path_named, None, "calibration.toml of canroll design"),
         choices(("vehicle", "bus", "dbc", "map")),
         JSON,
-        related(Relations(excludes={"check": "--check prints what the checker prints"}), "json"),
+        related("json", excludes={"check": "--check prints what the checker prints"}),
         opt("--check", path_named, "FILE", "check this certificate of the calibration, and compare "
             "its data with vehicle and bus"),
         opt("--out", path_named, "FILE", "certificate, or folder for it (default: certificate.json "

@@ -2,7 +2,7 @@
 
 from canroll.cli.design_parsers import OF_AN_EXPORT
 from canroll.cli.options import DEFAULT_SCENARIO, choices, path_named, scenario
-from canroll.cli.parser import Parser, Relations, opt, related
+from canroll.cli.parser import Parser, opt, related
 from canroll.setup.choices import CHOICES
 
 OF_AN_FMU = {
@@ -33,7 +33,7 @@ def export_fmu(parser: Parser) -> None:
         opt("--ports", PORTS, None, "CAN terminals (fmi-ls-bus), or plain signals (default: "
             "%(default)s)", PORTS[0], only=("ecu", "plant")),
         choices(applying),
-        *(related(Relations(only=OF_KINDS[name]), name) for name in applying),
+        *(related(name, only=OF_KINDS[name]) for name in applying),
         opt("--scenario", scenario, None, "plant and vehicle: the manoeuvre (default: "
             "%(default)s)", DEFAULT_SCENARIO, only=("plant", "vehicle")),
         opt("--nodes", int, "N", "bus: further nodes, on the first segment (default: %(default)s)",
