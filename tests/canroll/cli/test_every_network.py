@@ -79,7 +79,7 @@ SHORT = f"{RUN} --duration 0.05"
 COMMANDS = {
     "run": f"run double_lane_change {SHORT} --json --bus",
     "compare": "compare cal/calibration.toml --plant roll1 --duration 0.05 --json --bus",
-    "sweep": f"sweep roundabout --speed 20:20:10 {RUN} --json --bus",
+    "sweep": f"compare --scenario roundabout --speed 20:20:10 {RUN} --json --bus",
     "campaign": f"campaign roundabout --runs 1 --jobs 1 {RUN} --json --bus",
     "design": "design --law lqr --actuator suspension --out designed --bus",
     "timing": f"timing {SHORT} --counter unicorn --json --bus",
