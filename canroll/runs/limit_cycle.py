@@ -1,7 +1,8 @@
 """Detection of limit cycles: the command oscillates although nothing excites it.
 
-An oscillation of the command is first looked for in the run itself (:func:`detect`). Sensor noise,
-the road and the steering make stable loops oscillate too, so the same run is then driven once more:
+An oscillation of the command is first looked for in the run itself (:func:`oscillations`), and is
+not the manoeuvre's (:func:`unexcited`). Sensor noise, the road and the steering make stable loops
+oscillate too, so the same run is then driven once more:
 from one period of the oscillation on without noise and straight on. The response of a stable loop
 decays there, a limit cycle and an unstable loop go on (:func:`goes_on`).
 """
@@ -102,28 +103,13 @@ def _turns(values: list[float], hysteresis: float) -> list[int]:
     return turns
 
 
-def detect(
-    t: Vector, command: Vector, t_passive: Vector, roll_passive: Vector
-) -> LimitCycle | None:
-    """Return the longest oscillation of ``command`` that may be a limit cycle, or None.
-
-    A limit cycle consists of oscillations that do not decay, have equal periods, and last for at
-    least three periods and one second. The command is searched both as it is and with its moving
-    average removed, as a limit cycle is superimposed on the command of the manoeuvre. If the
-    passive roll angle oscillates as often in that time, it is the manoeuvre and not a limit cycle.
-
-    Args:
-        t: times of the controlled run's ticks, s; a run in real time may have missed some.
-        command: moment commanded at these times, N·m.
-        t_passive: times of the same manoeuvre without control, s.
-        roll_passive: roll angle at these times, rad.
-    """
-    cycles = unexcited(oscillations(t, command), lambda: [(t_passive, roll_passive)])
-    return cycles[0] if cycles else None
-
-
 def oscillations(t: Vector, command: Vector) -> list[tuple[float, LimitCycle]]:
-    """Return the oscillations of a command, each with the length of the subtracted average."""
+    """Return the oscillations of a command, each with the length of the subtracted average.
+
+    They do not decay, have equal periods, and last for at least three periods and one second. The
+    command (N·m) at ``t`` (s) is searched as it is and with its moving average removed, as a limit
+    cycle is superimposed on the command of the manoeuvre.
+    """
     if len(t) < 3 or t[-1] - t[0] < SECONDS_MIN:
         return []
     t, command = _evenly(t, command)

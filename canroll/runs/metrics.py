@@ -82,12 +82,6 @@ def load_transfer(left: Vector, right: Vector) -> Vector:
     return np.divide(right - left, total, out=np.zeros_like(total), where=total > 1.0)
 
 
-def axle_load_transfer(trace: Trace, axle: str) -> Vector:
-    """Normalised load transfer of an axle ("front" or "rear") over time."""
-    left, right = loads_of(axle)
-    return load_transfer(trace.signals[left], trace.signals[right])
-
-
 def loads_of(axle: str) -> tuple[str, str]:
     """Return the signals of the left and the right wheel load of an axle."""
     return f"wheel_load_{axle}_left", f"wheel_load_{axle}_right"

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 from scipy.optimize import brentq
+from support.limit_cycles import detect
 
 import vehicles
 from canroll.runs.experiment import drive, plan
-from canroll.runs.limit_cycle import detect
 from canroll.runs.metrics import judge
 from canroll.studies.effort import scaled
 from gain_gen.analysis.family import NOMINAL, actuated, car_in

@@ -3,9 +3,10 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
+from support.limit_cycles import detect
 
 from canroll.runs import limit_cycle
-from canroll.runs.limit_cycle import detect, turning_points
+from canroll.runs.limit_cycle import turning_points
 
 T = np.arange(0, 8, 0.01)
 LANE_CHANGE = np.sin(2 * np.pi * 0.4 * T) * ((T > 1) & (T < 6))

@@ -30,7 +30,8 @@ def test_left_turn_loads_the_right_wheels(make_trace):
     trace = make_trace()
     turn = trace.signals["ay"] > 1
     for axle in ("front", "rear"):
-        assert np.all(metrics.axle_load_transfer(trace, axle)[turn] > 0)
+        loads = (trace.signals[name][turn] for name in metrics.loads_of(axle))
+        assert np.all(metrics.load_transfer(*loads) > 0)
 
 
 def test_load_transfer_without_roll_meets_a_plant_held_upright(make_trace):

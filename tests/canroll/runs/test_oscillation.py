@@ -1,9 +1,9 @@
 """Laws of the papers on the 14-DOF car: none oscillates where their printed designs did."""
 
 import pytest
+from support.limit_cycles import detect
 
 from canroll.runs.experiment import drive, plan
-from canroll.runs.limit_cycle import detect
 from canroll.runs.metrics import judge
 
 pytestmark = pytest.mark.slow
