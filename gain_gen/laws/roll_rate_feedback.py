@@ -6,6 +6,7 @@ from math import exp, log, sqrt
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from canroll.errors import VerdictError
 from gain_gen.analysis.certificates import CertifiedPlant
 from gain_gen.analysis.delay_system import h_infinity, largest_delay, rightmost_root
 from gain_gen.laws.declared import law
@@ -143,6 +144,11 @@ def design_hinf_nodelay(task: Task) -> Solution:
         gain, gamma_bound, checks = PRINTED_NO_DELAY_GAIN, sqrt(0.09932), dict[str, Check]()
     else:
         most = plant.rate_gain(2.0 * model.damping_ratio - fastest - 1.0 / fastest)
+        if most >= 0.0:
+            raise VerdictError(
+                f"hinf_nodelay: with a damping ratio of {model.damping_ratio:.3g} a pole is beyond "
+                f"{fastest:.3g} roll frequencies already: choose another law"
+            )
         gain, gamma_bound = exact_optimum(model, 0.0, guess=most / SEARCHED).gain, None
         poles = np.linalg.eigvals(state_matrix(model) + gain * moment_input(model) @ ROLL_RATE)
         checks = {"fastest_pole": below(float(np.abs(poles).max()), fastest * plant.frequency)}

@@ -186,6 +186,14 @@ def test_delay_unaware_baseline_is_bounded_and_says_why(van):
     assert found.gamma**2 > 0.2168
 
 
+def test_a_body_damped_beyond_the_bound_of_the_poles_is_refused():
+    its = task()
+    stiff = replace(its.vehicle.design, roll_damping=30.0 * its.vehicle.design.roll_damping)
+    with pytest.raises(VerdictError, match="a pole is beyond 5 roll frequencies already"):
+        design_hinf_nodelay(replace(its, vehicle=replace(its.vehicle, design=stiff)))
+
+
+
 def test_printed_level_is_out_of_reach_of_every_rate_gain(van):
     assert min(exact_gamma(van, gain, 0.0) for gain in (-1e3, -1e4, -1e5, -1e7)) ** 2 > 0.2167
 
