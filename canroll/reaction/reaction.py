@@ -8,8 +8,8 @@ the actuators release the command.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,6 +116,11 @@ class Reaction:
                 f"fault detected after {1e3 * self.detected_after:.0f} ms ({self.detected_by})"
             )
         return f"{detection}, {'; '.join(self.harm) if self.harm else 'no harm'}"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        lists = {name: list(asdict(self)[name]) for name in ("modes", "codes", "harm")}
+        return {**asdict(self), **lists}
 
 
 def observe(

@@ -341,7 +341,7 @@ class Result:
             "phase_ms": self._phase_json(),
             "delay_ms": {name: 1e3 * value for name, value in asdict(self.delay).items()},
             "limit_cycle": asdict(self.limit_cycle) if self.limit_cycle else None,
-            "reaction": None if self.reaction is None else asdict(self.reaction),
+            "reaction": None if self.reaction is None else self.reaction.to_json(),
             "helps": self.helps,
             "good": self.good,
             "not_valid": list(self.not_valid),

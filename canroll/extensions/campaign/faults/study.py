@@ -120,7 +120,7 @@ class JudgedFault:
             "no_verdict": self.no_verdict,
             "roll_max_deg": self.roll_max_deg,
             "visibility": None if self.visibility is None else asdict(self.visibility),
-            "reaction": None if self.reaction is None else asdict(self.reaction),
+            "reaction": None if self.reaction is None else self.reaction.to_json(),
         }
 
 
@@ -224,7 +224,7 @@ class FaultStudy:
             "verdict": self.verdict,
             "undetected_harm": [fault.entry.name for fault in self.undetected],
             "coverage": [asdict(coverage) for coverage in self.coverage],
-            "without_faults": asdict(self.reference),
+            "without_faults": self.reference.to_json(),
             "faults": [fault.to_json() for fault in self.faults],
         }
 
