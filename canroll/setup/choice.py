@@ -89,10 +89,10 @@ class Choice:
                 if suffixes:
                     raise CanrollError(f"{value}: the file of a {self.word} ends in {suffixes}")
             raise UnknownNameError(self.word, value, known)
+        unit = f" {self.unit}" if self.unit else ""
         if self.kind is float and not isfinite(value):
-            raise CanrollError(f"{self.word} {value:g}: must be finite")
+            raise CanrollError(f"{self.word} {value:g}{unit}: must be finite")
         if self.kind in (float, int) and not self.low <= value <= self.high:
-            unit = f" {self.unit}" if self.unit else ""
             allowed = f"{self.low:.10g} to {self.high:.10g}"
             if self.high == inf:
                 allowed = f"{self.low:g} or more" if self.low >= 1 or not self.low else "above 0"
