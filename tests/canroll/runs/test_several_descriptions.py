@@ -107,7 +107,7 @@ def test_a_campaign_file_lists_them_and_reads_them_all(files, tmp_path):
     assert plan.settings.profile.dbc == files
     assert {"car.dbc", "actuators.dbc"} <= {name for name, _ in plan.description["files"]}
     path.write_text(text + f'map = "{split_bus.MAP}"\ndbc = [3]\n', encoding="utf-8")
-    with pytest.raises(CanrollError, match="dbc: 3 is not a text"):
+    with pytest.raises(CanrollError, match=r"dbc=\[3\]: must be a path, a list of texts or paths"):
         campaign_file.load(path, {}, runs=None, seed=None)
 
 
