@@ -20,10 +20,10 @@ from codegen.run import cortex as cortex_build
 from codegen.run import memory_image, native, qemu
 from codegen.run.backends import NativeEcu, PythonEcu
 from codegen.run.bus_firmware import built_in
-from codegen.run.footprint import footprint
 from codegen.run.specialised import specialised
 from codegen.worst_case.cycles import Timing
 from codegen.worst_case.firmware_bound import cycle_costs
+from codegen.worst_case.footprint import footprint
 from firmware.calibration import Calibration
 from firmware.com.signals import RX_IDS
 

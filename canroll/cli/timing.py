@@ -19,8 +19,8 @@ from codegen.run import cortex, qemu, unicorn
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.cortex import CortexRun
 from codegen.run.ecu_traffic import EcuTraffic
-from codegen.run.footprint import Footprint, footprint
 from codegen.run.specialised import specialised
+from codegen.worst_case.footprint import Footprint, footprint
 from firmware.calibration import Calibration
 from hil import session
 from hil.budget import Budget, budget_of, judge_host, judge_target

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from canroll.errors import CanrollError
 from codegen.run import cortex, memory_image
 from codegen.run.bus_firmware import AUTHENTICATION, BusFirmware
-from codegen.run.footprint import footprint
 from codegen.run.service import SERVICES
+from codegen.worst_case.footprint import footprint
 from firmware.calibration import Calibration
 
 PROCESSOR = "cortex-m4"

@@ -249,7 +249,7 @@ def test_laws_are_compared_over_speeds_from_python():
         (lambda: canroll.campaign(jobs=0), "jobs=0: must be at least 1"),
         (lambda: canroll.campaign(spread={"mass": 0.1}), "mass"),
         (lambda: canroll.campaign(spread={"sprung_mass": "much"}), "spread sprung_mass=much"),
-        (lambda: canroll.campaign("c.toml", buses=["500k"]), "buses: write what is drawn"),
+        (lambda: canroll.campaign("c.toml", buses=["500k", "fd_2m"]), "buses: write what is drawn"),
     ],
 )
 def test_an_argument_of_a_study_is_named(call, message):

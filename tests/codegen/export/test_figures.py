@@ -8,8 +8,8 @@ import dbc
 from codegen.export import figures
 from codegen.run import cortex, ecu_traffic
 from codegen.run.bus_firmware import built_in, of_bus, with_services
-from codegen.run.footprint import footprint
 from codegen.run.specialised import specialised
+from codegen.worst_case.footprint import footprint
 
 RECORD = ecu_traffic.random_calibration(7)
 needs_gcc = pytest.mark.skipif(

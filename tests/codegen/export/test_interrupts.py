@@ -4,6 +4,8 @@ import pytest
 
 from canroll.errors import CanrollError
 from codegen.export import interrupts
+from codegen.run.bus_firmware import AUTHENTICATION, built_in, with_services
+from codegen.run.service import SERVICES
 from codegen.subset.parse import load
 
 MODULE = '''
@@ -45,7 +47,7 @@ def of(record, *fields):
 
 
 def test_services_keep_to_it_too():
-    entries = interrupts.check(load(services=("xcp", "uds", "nvm", "nvm_uds", "secoc")))
+    entries = interrupts.check(with_services(built_in(), (*SERVICES, AUTHENTICATION)).program())
     assert entries["canroll_tick"] == interrupts.check()["canroll_tick"]
     assert entries["canroll_xcp_receive"].writes == of("Xcp", "rx_payload", "rx_length", "rx_fresh")
     assert entries["canroll_uds_receive"].writes == of("Uds", "rx_payload", "rx_fresh")

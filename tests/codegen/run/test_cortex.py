@@ -5,7 +5,7 @@ import pytest
 
 from codegen.run import backends, cortex, ecu_traffic, memory_image, native, qemu, unicorn
 from codegen.run.backends import Recorder
-from codegen.run.footprint import FLOAT, footprint
+from codegen.worst_case.footprint import FLOAT, footprint
 from firmware.calibration import Calibration
 from firmware.com.signals import RX_IDS
 from firmware.state import ACTIVE, DEGRADED, Ecu

@@ -8,10 +8,10 @@ import pytest
 
 from codegen.run import cortex, ecu_traffic, memory_image, native, qemu
 from codegen.run.bus_firmware import built_in
-from codegen.run.footprint import footprint
 from codegen.run.specialised import specialised
 from codegen.worst_case.cycles import Timing
 from codegen.worst_case.firmware_bound import cycle_costs
+from codegen.worst_case.footprint import footprint
 from firmware.calibration import Calibration
 from firmware.state import ACTIVE, DEGRADED, INIT, SAFE
 from tools import recorded_traffic

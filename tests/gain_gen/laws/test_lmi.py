@@ -193,7 +193,6 @@ def test_a_body_damped_beyond_the_bound_of_the_poles_is_refused():
         design_hinf_nodelay(replace(its, vehicle=replace(its.vehicle, design=stiff)))
 
 
-
 def test_printed_level_is_out_of_reach_of_every_rate_gain(van):
     assert min(exact_gamma(van, gain, 0.0) for gain in (-1e3, -1e4, -1e5, -1e7)) ** 2 > 0.2167
 

@@ -24,6 +24,7 @@ from canroll.extensions.services.modules.xcp_state import (
     WRITE_PROTECTED,
 )
 from canroll.extensions.services.running import PAGE_ADDRESS, STATE_ADDRESS
+from codegen.generated.bus_map import MOST_LISTED
 from codegen.run import ecu_traffic, memory_image, native
 from codegen.run.backends import NativeEcu, PythonEcu
 from codegen.run.bus_firmware import built_in, with_services
@@ -334,3 +335,7 @@ def test_both_backends_give_the_same_bytes_for_any_commands():
     slaves = [tool.slave.record.image() for tool in tools]
     assert slaves[0] == slaves[1]
     assert tools[0].slave.working.image() == tools[1].slave.working.image()
+
+
+def test_the_bus_reckons_with_as_many_frames_as_the_slave_can_send():
+    assert xcp_state.N_ODT == MOST_LISTED
