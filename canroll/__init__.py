@@ -95,7 +95,10 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401
     """Import a name of the public interface on first use; extensions add to them."""
     if name not in list(_NAMES):
         raise AttributeError(f"module 'canroll' has no attribute '{name}'")
-    return _NAMES[name]
+    try:
+        return _NAMES[name]
+    except CanrollError as error:  # of a package; what looks for names goes on
+        raise AttributeError(str(error)) from error
 
 
 def __dir__() -> list[str]:

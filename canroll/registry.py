@@ -140,8 +140,7 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
             return Origin(BUILT_IN, self._built_in[name])
         if name in self._offered:
             point = self._offered[name]
-            package = f"{point.dist.name} {point.dist.version}" if point.dist else "a package"
-            return Origin(package, point.value)
+            return Origin(_package(point), point.value)
         if self._reader(name):
             return Origin(f"file {name}", "")
         if extension.is_reference(name):
@@ -188,6 +187,30 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
 
 
 def _installed(group: str) -> Mapping[str, EntryPoint]:
-    """Return the entry points of a group by name, without those of a package that was deleted."""
-    points = entry_points(group=group)
-    return {each.name: each for each in points if extension.is_installed(each.module)}
+    """Return the entry points of a group by name; of canroll's extensions those that are there.
+
+    Raises:
+        CanrollError: two packages offer one name, which none of canroll's own has.
+    """
+    found: dict[str, EntryPoint] = {}
+    for point in entry_points(group=group):
+        other = found.get(point.name)
+        if _is_own(point):
+            if extension.is_installed(point.module):
+                found[point.name] = point
+        elif other is None:
+            found[point.name] = point
+        elif not _is_own(other):
+            raise CanrollError(
+                f"{group} '{point.name}' is offered by {_package(other)} and {_package(point)}: "
+                "remove one"
+            )
+    return found
+
+
+def _is_own(point: EntryPoint) -> bool:
+    return point.dist is not None and point.dist.name == "canroll"
+
+
+def _package(point: EntryPoint) -> str:
+    return f"{point.dist.name} {point.dist.version}" if point.dist else "a package"

@@ -6,7 +6,7 @@
 Each case writes one text file: exit code, standard output, standard error, and a hash of each file
 it made. Durations and solver times are masked. KEPT has a saved run and its calibration, made where
 there is none: recorded by an earlier version, they must still load. Left out, as they take minutes:
-``certify``, ``design --compare --runs``; as they need another program on a bus: ``plant``,
+``certify``, ``compare --runs``; as they need another program on a bus: ``plant``,
 ``watch``.
 """
 
@@ -78,12 +78,15 @@ CASES: dict[str, tuple[str, ...]] = {
     "severe": ("compare", "--scenario", "severe", "--runs", "2", "--json"),
     "list": ("list", "laws"),
     "list-all": tuple(w for kind in KINDS for w in (THEN, "list", kind, "--json"))[1:],
-    "completion": ("completion", "bash"),
+    "completion": ("list", "completion", "--shell", "bash"),
     "compare-page": ("compare", "lqr", "hinf", "--duration", "4", "--out", "out"),
     "margins": (*DESIGN, "margins", CAL, "--json"),
     "faults": ("faults", "--only", "0", "--law", "lqr", "--json"),
-    "attacks": ("attacks", "--attack", "replay", "--bus", "secured_fd", "--law", "lqr", "--json"),
-    "response-law": ("response", "--law", "lqr", "--json"),
+    "attacks": (
+        *("faults", "--catalogue", "attacks", "--attack", "replay", "--bus", "secured_fd"),
+        *("--law", "lqr", "--json"),
+    ),
+    "response-law": ("handling", "response", "--law", "lqr", "--json"),
     "vehicle": (
         *("vehicle", "new", "van.toml", "--class", "van", "--mass", "2720", "--wheelbase", "3.66"),
         *("--track", "1.735", "--height", "2.5", THEN, "vehicle", "check", "van.toml", "--json"),
@@ -101,7 +104,7 @@ CASES: dict[str, tuple[str, ...]] = {
         *("--log", "drive.asc", "--json", THEN),
         *("ecu", "--replay", "drive.asc", "--calibration", CAL, "--json"),
     ),
-    "kept-report": ("report", KEPT, "--out", "out", "--json"),
+    "kept-report": ("run", KEPT, "--out", "out", "--json"),
     "kept-margins": ("margins", f"{KEPT}/calibration.toml", "--json"),
     "kept-run": (*RUN, "--calibration", f"{KEPT}/calibration.toml", "--json"),
     "reproduce": ("reproduce", "viadero2022", "--json"),

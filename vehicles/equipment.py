@@ -152,7 +152,7 @@ class Aerodynamics:
     def guessed(cls, *, width: float, cg_height: float, wheelbase: float) -> "Aerodynamics":
         """Return those of a usual car of such sizes (m).
 
-        Height of the centre of gravity as in :mod:`vehicles.classes`; area over width times height
+        Height of the centre of gravity as in the averages of a class; area over width times height
         is 0.81 for cars (Hucho, Aerodynamics of Road Vehicles), more for vans; slopes of side force
         and yawing moment are 0.035 to 0.06 and 0.007 to 0.017 per degree (Gillespie, Fundamentals
         of Vehicle Dynamics, ch. 4).

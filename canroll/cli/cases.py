@@ -11,7 +11,7 @@ from canroll.errors import CanrollError
 
 
 def check(args: argparse.Namespace, out: Path | None) -> None:
-    """Refuse options of :func:`canroll.cli.options.add_execution` that contradict each other.
+    """Refuse options of :func:`canroll.cli.options.execution` that contradict each other.
 
     ``out``: the output folder, or None.
     """

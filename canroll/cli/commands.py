@@ -4,12 +4,21 @@ Nothing heavy is imported here: a command's module is imported after its options
 """
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from types import NoneType
+from typing import TYPE_CHECKING, Any
 
+from canroll.extension import guarded
 from canroll.registry import Registry
 
 if TYPE_CHECKING:
     from canroll.cli.parser import Parser
+
+
+def accept(what: str, thing: Any) -> "Callable[[Parser], None]":  # noqa: ANN401
+    """Return what adds the options of a package's command."""
+    add_options: Callable[[Parser], None] = guarded(what, thing, 1, NoneType)
+    return add_options
+
 
 COMMANDS: "Registry[Callable[[Parser], None]]" = Registry(
     "command",
@@ -30,6 +39,7 @@ COMMANDS: "Registry[Callable[[Parser], None]]" = Registry(
         "timing": "canroll.cli.design_parsers:timing",
         "list": "canroll.cli.listing:listing",
     },
+    accept=f"{__name__}:accept",
 )
 """What adds a command's options to its parser, by the command's name."""
 TASKS: Mapping[str, tuple[str, ...]] = {
@@ -79,7 +89,9 @@ def parser_of(name: str) -> "Parser":
     from canroll.cli.parser import Parser  # noqa: PLC0415
 
     add_options = COMMANDS[name]
-    module = f"{add_options.__module__.rpartition('.')[0]}.{name.replace('-', '_')}"
-    parser = Parser(prog=f"canroll {name}", handler=f"{module}:run")
+    room = add_options.__module__.rpartition(".")[0]
+    module = name.replace("-", "_")
+    handler = f"{room}.{module}:run" if room else f"{module}:run"
+    parser = Parser(prog=f"canroll {name}", handler=handler)
     add_options(parser)
     return parser

@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
         bundle.refuse_namesakes(paths_of(args.dbc))
     heard = [name for name in chosen_services(args) if SERVICES[name].start]
     for name in heard if args.dbc is not None else ():
-        if getattr(load_map(paths_of(args.dbc), Path(args.map)), name) is None:
+        if SERVICES[name].hears(load_map(paths_of(args.dbc), Path(args.map))) is None:
             raise CanrollError(
                 f"--{name}: {args.map} has no table [{name}] with the identifiers: add it"
             )

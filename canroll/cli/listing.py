@@ -25,7 +25,7 @@ REGISTRIES: dict[str, Registry[Any]] = {
     "buses": BUSES,
     "bodies": BODIES,
 }
-"""Further lists of ``canroll list``; extensions add to them."""
+"""Further lists of ``canroll list``."""
 
 
 def listing(parser: Parser) -> None:

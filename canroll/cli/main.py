@@ -69,9 +69,9 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     name = arguments[0]
     if name.startswith("-"):
         raise UsageError(f"unknown option '{name}' (see 'canroll --help')")
-    if name in RENAMED:
-        raise UsageError(f"'{name}' is now 'canroll {RENAMED[name]}'")
     if name not in list(COMMANDS):  # nor a reference to code, which a registry takes
+        if name in RENAMED:
+            raise UsageError(f"'{name}' is now 'canroll {RENAMED[name]}'")
         raise UnknownNameError("command", name, COMMANDS)
     parser = parser_of(name)
     words = arguments[1:]

@@ -159,7 +159,9 @@ def service_flags(names: Iterable[str]) -> list[Option]:
 def chosen_services(args: argparse.Namespace) -> tuple[str, ...]:
     """Return the chosen services, and those that are there because of them."""
     names = services(exported=True)
-    return with_implied(tuple(name for name in names if getattr(args, name, False)))
+    return with_implied(
+        tuple(name for name in names if getattr(args, name.replace("-", "_"), False))
+    )
 
 
 def by_key(option: str, pairs: Sequence[tuple[str, str]]) -> dict[str, str]:

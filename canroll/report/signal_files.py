@@ -51,7 +51,7 @@ def check_suffix(path: Path) -> Path:
         CanrollError: another suffix, or the package for it is missing.
     """
     suffix = path.suffix.lower()
-    if suffix not in FORMATS:
+    if suffix not in list(FORMATS):  # nor a reference to code, which a registry takes
         raise CanrollError(
             f"{path}: the suffix of a signal file must be one of {', '.join(FORMATS)}"
         )

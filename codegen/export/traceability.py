@@ -68,6 +68,8 @@ def requirements() -> tuple[Requirement, ...]:
 
 def _read(package: str) -> Iterator[Requirement]:
     file = files(package) / FILE
+    if not file.is_file():
+        return
     content = tomllib.loads(file.read_text(encoding="utf-8"))
     if content.pop("schema") != SCHEMA:
         raise CanrollError(f"{file}: this version reads schema {SCHEMA}")

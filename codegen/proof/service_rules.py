@@ -1,7 +1,7 @@
-"""Rule for a service beside the loop: it stores in its own records and in a named list alone."""
+"""Rule for a service beside the loop: it stores in its records and in a named list alone."""
 
 import ast
-from collections.abc import Collection, Iterator, Set
+from collections.abc import Collection, Iterator, Mapping, Set
 
 from codegen.operations.table import Access
 from codegen.subset.program import FieldReference, Function, Parameter, Program, SubsetError
@@ -13,7 +13,12 @@ CALIBRATION = "Calibration"
 
 
 def check(
-    program: Program, service: str, own: Collection[str], *, stores: Set[str], records: Set[str]
+    program: Program,
+    service: str,
+    own: Collection[str],
+    *,
+    stores: Set[str],
+    records: Mapping[str, str],
 ) -> None:
     """Raise SubsetError, with file and line, for a store where a service may not.
 
@@ -22,7 +27,8 @@ def check(
         service: its name, that of the module with its entry points.
         own: modules that came with it.
         stores: fields of the loop's state in which it may store.
-        records: names of the calibrations that it may write.
+        records: class of each record that it may write, by its name; a calibration is written
+            under that name alone.
     """
     for function in _called(program, service, own):
         path = program.modules[function.module].path
@@ -30,7 +36,9 @@ def check(
             allowed = ", ".join(sorted(stores)) or "none"
             raise SubsetError(path, place, f"service {service} stores in the loop's {allowed} only")
         for name in program.writers.get(function.key, ()):
-            if function.parameters[name].record == CALIBRATION and name not in records:
+            kind = function.parameters[name].record
+            mine = name in records if kind == CALIBRATION else kind in {STATE, *records.values()}
+            if not mine:
                 raise SubsetError(path, function.node, f"service {service} stores in {name}")
 
 

@@ -15,6 +15,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import dbc
+from canroll.errors import CanrollError
 from codegen.c99 import kept
 from codegen.generated.bus_map import BusMap, load
 from codegen.generated.mailbox import room
@@ -85,13 +86,13 @@ class BusFirmware:
     @property
     def _parts(self) -> tuple[object, ...]:
         """What makes it beside the firmware as checked in."""
-        own = sorted(self.modules.items()), self.services, sorted(self._shown.items())
+        allowed = [(SERVICES[name].stores, SERVICES[name].records) for name in self._beside]
+        own = sorted(self.modules.items()), self.services, allowed, sorted(self._shown.items())
         return (*own, self.calibration) if self.calibration else own
 
     def _translated(self) -> dict[str, str]:
-        beside = [name for name in self.services if name != AUTHENTICATION]
         files: dict[str, str] = _translation().translated(
-            self.program(), self.stage, self.calibration, services=beside
+            self.program(), self.stage, self.calibration, services=self._beside
         )
         return files
 
@@ -109,6 +110,11 @@ class BusFirmware:
         return shown | {Path(name).stem: place for name, (place, _) in self._sources.items()}
 
     @property
+    def _beside(self) -> list[str]:
+        """Its services but that of a bus with authenticated frames, which is the firmware's own."""
+        return [name for name in self.services if name != AUTHENTICATION]
+
+    @property
     def _sources(self) -> Mapping[str, tuple[Path, str]]:
         """Place and text of the services' modules, by file name."""
         return _sources(self.services)
@@ -124,8 +130,7 @@ class BusFirmware:
     @property
     def heard(self) -> frozenset[int]:
         """Identifiers of all frames that it takes, the commands of services among them."""
-        kinds = (SERVICES[name] for name in self.services if name != AUTHENTICATION)
-        heard = (kind.hears(self.bus) for kind in kinds)
+        heard = (SERVICES[name].hears(self.bus) for name in self._beside)
         return frozenset({*self.messages, *(ident for ident in heard if ident is not None)})
 
     @property
@@ -216,9 +221,21 @@ def with_services(firmware: BusFirmware, services: tuple[str, ...]) -> BusFirmwa
 
 @cache
 def _sources(services: tuple[str, ...]) -> Mapping[str, tuple[Path, str]]:
-    """Return place and text of the modules of services, by file name."""
-    kinds = (SERVICES[name] for name in services if name != AUTHENTICATION)
-    return {name: source for kind in kinds for name, source in kind.sources().items()}
+    """Return place and text of the modules of services, by file name.
+
+    Raises:
+        CanrollError: a module that the firmware has, or another service in another package.
+    """
+    if not services:
+        return {}
+    from codegen.subset.program import file_of  # noqa: PLC0415 - the parser, for services alone
+
+    found: dict[str, tuple[Path, str]] = {}
+    for name in (name for name in services if name != AUTHENTICATION):
+        for file, source in SERVICES[name].sources().items():
+            if found.setdefault(file, source) != source or file_of(Path(file).stem).is_file():
+                raise CanrollError(f"service {name}: another module is named {file}: rename it")
+    return found
 
 
 @cache

@@ -1,11 +1,13 @@
 """A service: a part of the firmware beside its loop, which an extension or a package adds."""
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from canroll.errors import CanrollError
 from canroll.registry import Registry
 
 if TYPE_CHECKING:
@@ -17,8 +19,8 @@ class Service:
     """One service; what is "module:function" is imported when it is called.
 
     Attributes:
-        modules: package of its modules in the integer subset; the one that is named as the service
-            has the entry points.
+        modules: package of its modules in the integer subset, with their requirements.toml; the
+            one that is named as the service has the entry points.
         records: what an integrator owns for it, "module.Class" by its name in C.
         stores: fields of the loop's state in which it stores, beside its own records.
         needs: services with all of which it is there too, without an option of its own.
@@ -46,18 +48,35 @@ class Service:
 
     def sources(self) -> Mapping[str, tuple[Path, str]]:
         """Return place and text of its modules by file name, as modules of the firmware."""
-        place = Path(*self.modules.split("."))
+        place, imported = (
+            Path(*self.modules.split(".")),
+            rf"^from {re.escape(self.modules)}(?=[. ])",
+        )
+        paths = sorted(files(self.modules).iterdir(), key=lambda path: path.name)
         return {
-            file.name: (
-                place / file.name,
-                file.read_text("utf-8").replace(self.modules, "firmware"),
+            path.name: (
+                place / path.name,
+                re.sub(imported, "from firmware", path.read_text("utf-8"), flags=re.MULTILINE),
             )
-            for file in files(self.modules).iterdir()
-            if file.name.endswith(".py") and file.name != "__init__.py"
+            for path in paths
+            if path.name.endswith(".py") and path.name != "__init__.py"
         }
 
 
-SERVICES: "Registry[Service]" = Registry("service", "canroll.services", {})
+def accept(what: str, thing: object) -> Service:
+    """Return a service that a package offers.
+
+    Raises:
+        CanrollError: it is none.
+    """
+    if not isinstance(thing, Service):
+        raise CanrollError(f"{what}: a {type(thing).__name__}, it must be a Service")
+    return thing
+
+
+SERVICES: "Registry[Service]" = Registry(
+    "service", "canroll.services", {}, accept=f"{__name__}:accept"
+)
 """Every service by its name."""
 
 

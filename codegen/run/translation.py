@@ -65,18 +65,26 @@ def translated(
     notes: Notes | None = None,
     services: Sequence[str] = (),
 ) -> dict[str, str]:
-    """Return a firmware in C, by file name; a stage is checked and proved first, as services are.
+    """Return a firmware in C, by file name; a stage is checked and proved first.
 
+    Of services the rules of the subset and where they store are checked; ``canroll prove`` proves
+    them.
     ``calibration`` is the image of the only one that its loop is for; empty: it is for any.
 
     Raises:
         SubsetError: file and line of what a stage or a service may not do.
     """
+    if services:
+        rules.check(program)
     for name in services:
         kind = SERVICES[name]
         own = {Path(file).stem for file in kind.sources()}
-        stores, records = {*kind.stores}, {*kind.records}
-        service_rules.check(program, name, own, stores=stores, records=records)
+        records = {
+            record: place.rpartition(".")[2]
+            for each in (kind, *map(SERVICES.__getitem__, kind.needs))
+            for record, place in each.records.items()
+        }
+        service_rules.check(program, name, own, stores={*kind.stores}, records=records)
     if stage:
         rules.check(program)
         stage_rules.check(program, prove(program, bounded=NAME))

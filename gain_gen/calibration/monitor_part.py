@@ -2,7 +2,7 @@
 
 What signals may differ by for what is not known of the car follows from that
 (:mod:`gain_gen.monitors`). The other thresholds come from fault-free runs of six vehicles and their
-populations up to the limit (``tools/validation/false_alarms.py``).
+populations up to the limit, measured with version 0.2.
 """
 
 from math import ceil

@@ -77,7 +77,7 @@ def chosen(kernels: Sequence[Kernel], number: int = 0) -> Kernel:
 
 
 KERNELS: tuple[Kernel, ...] = (similarity, linked)
-"""One for each of :data:`vehicles.tyres.TYRES`, in their order."""
+"""One for each of :data:`vehicles.axles.TYRES`, in their order."""
 ROOM = max(len(model.NUMBERS) for model in TYRES.values())
 """Most parameters of a tyre model."""
 forces = chosen(KERNELS)

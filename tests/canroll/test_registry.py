@@ -3,7 +3,7 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from canroll import registry
-from canroll.errors import UnknownNameError
+from canroll.errors import CanrollError, UnknownNameError
 from canroll.registry import Registry
 
 
@@ -28,6 +28,46 @@ def test_what_is_built_in_is_loaded_when_it_is_asked_for(numbers):
 def test_a_package_offers_more_but_replaces_nothing(numbers):
     assert numbers["tau"] == pytest.approx(6.283, abs=1e-3)
     assert numbers["pi"] == pytest.approx(3.142, abs=1e-3)
+
+
+class _Distribution:
+    def __init__(self, name):
+        self.name, self.version = name, "1.0"
+
+
+def _offer(monkeypatch, *owners):
+    points = [EntryPoint("tau", f"math:{what}", "canroll.numbers") for _, what in owners]
+    for point, (owner, _) in zip(points, owners, strict=True):
+        vars(point).update(dist=_Distribution(owner))
+    monkeypatch.setattr(
+        registry, "entry_points", lambda group: points if group == "canroll.numbers" else []
+    )
+    return Registry("number", "canroll.numbers", {})
+
+
+def test_what_canroll_offers_is_not_replaced_and_two_packages_are_refused(monkeypatch):
+    assert _offer(monkeypatch, ("other", "e"), ("canroll", "tau"))["tau"] == pytest.approx(
+        6.283, 1e-3
+    )
+    assert _offer(monkeypatch, ("canroll", "tau"), ("other", "e"))["tau"] == pytest.approx(
+        6.283, 1e-3
+    )
+    with pytest.raises(
+        CanrollError, match=r"'tau' is offered by one 1\.0 and two 1\.0: remove one"
+    ):
+        _offer(monkeypatch, ("one", "e"), ("two", "pi"))["tau"]
+
+
+def test_an_extension_that_was_deleted_offers_nothing_a_package_that_is_broken_says_so(monkeypatch):
+    gone = [EntryPoint("tau", "no_such_module:tau", "canroll.numbers")]
+    monkeypatch.setattr(
+        registry, "entry_points", lambda group: gone if group == "canroll.numbers" else []
+    )
+    vars(gone[0]).update(dist=_Distribution("canroll"))
+    assert list(Registry("number", "canroll.numbers", {})) == []
+    vars(gone[0]).update(dist=_Distribution("other"))
+    with pytest.raises(CanrollError, match=r"number 'tau' of other 1\.0: ModuleNotFoundError"):
+        Registry("number", "canroll.numbers", {})["tau"]
 
 
 def test_things_are_added_and_taken_out(numbers):

@@ -1,1 +1,1 @@
-"""Runs and their parts for other tools: FMUs, signal files, data sets; and models of theirs."""
+"""Runs and their parts for other tools: FMUs and MCAP; and models of theirs."""

@@ -40,11 +40,6 @@ class BusMessage:
     deadline_ns: int = 0
 
     @property
-    def due_ns(self) -> int:
-        """Deadline from the nominal release: the given one, else the period."""
-        return self.deadline_ns or int(self.period_ns)
-
-    @property
     def arbitration_key(self) -> int:
         """Arbitration key: the lower one wins."""
         return _arbitration_key(self.ident, self.flags)

@@ -1,7 +1,10 @@
 """A service that stores where it may not is refused with its line."""
 
+from dataclasses import replace
+
 import pytest
 
+from canroll.errors import CanrollError
 from codegen.run.bus_firmware import built_in, with_services
 from codegen.run.service import SERVICES, Service
 from codegen.subset.program import SubsetError
@@ -72,3 +75,45 @@ def test_what_a_service_may_do_is_translated(served, line):
 def test_a_store_outside_of_it_is_refused_with_its_line(served, line, says):
     with pytest.raises(SubsetError, match=rf"sneaky\d\.py:\d+: .*{says}"):
         _ = served(line).files
+
+
+def test_what_a_service_may_do_is_part_of_what_its_code_is_kept_by(served, monkeypatch):
+    line = ALLOWED[1]
+    firmware = served(line)
+    assert firmware.files
+    (name,) = firmware.services
+    monkeypatch.setitem(SERVICES, name, replace(SERVICES[name], stores=()))
+    with pytest.raises(SubsetError, match="stores in the loop's none only"):
+        _ = replace(firmware).files
+
+
+def test_a_package_may_be_named_as_its_module(tmp_path, monkeypatch):
+    folder = tmp_path / "lamp"
+    folder.mkdir()
+    (folder / "__init__.py").write_text("")
+    (folder / "lamp_state.py").write_text(STATE.replace("Sneaky", "Lamp"))
+    text = MODULE.format(package="lamp", line="sneaky.n = 2").replace("sneaky", "lamp")
+    (folder / "lamp.py").write_text(text.replace("Sneaky", "Lamp"))
+    monkeypatch.syspath_prepend(tmp_path)
+    kind = Service(modules="lamp", records={"lamp": "lamp_state.Lamp"})
+    monkeypatch.setitem(SERVICES, "lamp", kind)
+    assert "canroll_lamp.c" in with_services(built_in(), ("lamp",)).files
+
+
+def test_a_module_of_the_loop_is_not_replaced(tmp_path, monkeypatch):
+    folder = tmp_path / "greedy"
+    folder.mkdir()
+    for name in ("__init__", "greedy", "ecu"):
+        (folder / f"{name}.py").write_text("")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(SERVICES, "greedy", Service(modules="greedy"))
+    with pytest.raises(CanrollError, match=r"service greedy: another module is named ecu\.py"):
+        with_services(built_in(), ("greedy",))
+
+
+def test_a_service_stores_in_no_record_of_another(served, monkeypatch):
+    firmware = served(ALLOWED[0])
+    (name,) = firmware.services
+    monkeypatch.setitem(SERVICES, name, replace(SERVICES[name], records={}))
+    with pytest.raises(SubsetError, match="stores in sneaky"):
+        _ = replace(firmware).files

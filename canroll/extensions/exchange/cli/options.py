@@ -21,6 +21,7 @@ PORTS = ("can", "signals")
 OF_KINDS = {
     name: tuple(kind for kind, names in OF_AN_FMU.items() if name in names) for name in CHOICES
 }
+"""The same by the choice."""
 
 
 def export_fmu(parser: Parser) -> None:
