@@ -75,7 +75,7 @@ class BusFirmware:
     @cached_property
     def files(self) -> dict[str, str]:
         """The firmware in C, by file name."""
-        if not self.modules and not self.calibration:
+        if not self.modules and not self.services and not self.calibration:
             return kept.translation("ecu", self._translated)
         return kept.translation(self._parts, self._translated)
 

@@ -68,10 +68,10 @@ NETWORKS = {
     "kcd": ["others.kcd"],
     "sym": ["others.sym"],
     "arxml": ["others.arxml"],
-    "log": ["log.blf"],
+    "log": ["log.blf@500000"],
     "own frames": ["500k", "--dbc", "own.dbc", "--map", "own.toml"],
     "own frames of a database": ["own.dbc", "--dbc", "own.dbc", "--map", "own.toml"],
-    "own frames beside a log": ["log.blf", "--dbc", "own.dbc", "--map", "own.toml"],
+    "own frames beside a log": ["log.blf@500000", "--dbc", "own.dbc", "--map", "own.toml"],
 }
 """What follows ``--bus``, or ``canroll bus``."""
 RUN = "--calibration cal/calibration.toml --plant roll1"
