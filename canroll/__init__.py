@@ -2,8 +2,9 @@
 
 The public interface in one place; heavy modules are imported on first use:
 
-* :func:`run` drives a manoeuvre without and with control and returns a :class:`Result`,
-* :func:`load_vehicle` reads a preset or a vehicle file,
+* :func:`run` drives a manoeuvre without and with control and returns a :class:`Result`: its
+  :class:`Run` as planned, a :class:`Trace` of each, and the figures,
+* :func:`load_vehicle` reads a preset or a vehicle file as a :class:`Vehicle`,
 * :func:`load_calibration` reads what ``canroll design`` wrote,
 * :func:`design` finds and verifies a control law,
 * :func:`margins` verifies a calibration again,
@@ -28,7 +29,9 @@ if TYPE_CHECKING:
     from canroll.network.responses import bus
     from canroll.report.picture import plot
     from canroll.runs.experiment import run
-    from canroll.runs.result import Result
+    from canroll.runs.result import Result, Run
+    from canroll.runs.trace import Trace
+    from canroll.setup.controller import Controller
     from canroll.stepping import drive
     from canroll.studies.comparison import compare
     from canroll.studies.severe import study as severe
@@ -37,17 +40,22 @@ if TYPE_CHECKING:
     from gain_gen.design import design
     from gain_gen.margin_report import margin_report as margins
     from gain_gen.models.task import Delay, Design, Task
+    from vehicles import Vehicle
     from vehicles import load as load_vehicle
 
 __all__ = [
     "CanrollError",
+    "Controller",
     "Delay",
     "Design",
     "Execution",
     "Result",
+    "Run",
     "Table",
     "Task",
+    "Trace",
     "UnknownNameError",
+    "Vehicle",
     "VerdictError",
     "bus",
     "compare",
@@ -68,12 +76,16 @@ _NAMES: "Registry[Any]" = Registry(
     "name",
     "canroll.names",
     {
+        "Controller": "canroll.setup.controller:Controller",
         "Delay": "gain_gen.models.task:Delay",
         "Design": "gain_gen.models.task:Design",
         "Execution": "canroll.cases.execution:Execution",
         "Result": "canroll.runs.result:Result",
+        "Run": "canroll.runs.result:Run",
         "Table": "canroll.table:Table",
         "Task": "gain_gen.models.task:Task",
+        "Trace": "canroll.runs.trace:Trace",
+        "Vehicle": "vehicles:Vehicle",
         "bus": "canroll.network.responses:bus",
         "compare": "canroll.studies.comparison:compare",
         "design": "gain_gen.design:design",

@@ -5,10 +5,10 @@ from typing import Any, Unpack
 
 from canroll.reaction.fault_codes import MODES
 from canroll.runs.experiment import build_world, plan, tick_offset_ns
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from canroll.runs.virtual_time import ticks
 from canroll.setup.choices import PASSIVE, Choices
-from canroll.setup.controller import PreparedController
+from canroll.setup.controller import Controller
 from codegen.run.backends import open_backend
 
 
@@ -21,7 +21,7 @@ class SteppedDrive:
         signals: of the last millisecond, by name, SI units; empty before the first step.
     """
 
-    def __init__(self, settings: Settings, controller: PreparedController) -> None:
+    def __init__(self, settings: Run, controller: Controller) -> None:
         self.settings = settings
         self.time = 0.0
         self.signals: Mapping[str, float] = {}

@@ -18,7 +18,7 @@ from gain_gen.laws import LAWS, OBSERVERS, WITHOUT_ROLL_RATE, is_of_user
 from gain_gen.laws.declared import COMPUTED, Declared, built_in, declared
 from gain_gen.laws.roll_rate_feedback import static_controller
 from gain_gen.laws.state_feedback import sensor_noise
-from gain_gen.models.controller import Controller
+from gain_gen.models.controller import LinearController
 from gain_gen.models.task import (
     UNVERIFIED,
     Check,
@@ -178,7 +178,7 @@ def _detuned(
     return None
 
 
-def _uncertified(first: Solution, controller: Controller) -> Solution:
+def _uncertified(first: Solution, controller: LinearController) -> Solution:
     """Return the solution with another controller and without the law's own certificates."""
     return replace(
         first,

@@ -11,12 +11,12 @@ import tomli_w
 
 from canroll.errors import CanrollError
 from canroll.runs import experiment, validity
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from canroll.runs.trace import Trace
 from canroll.runs.virtual_time import Interrupted
 from canroll.setup import words
 from canroll.setup.choices import CHOICES
-from canroll.setup.controller import PreparedController
+from canroll.setup.controller import Controller
 from gain_gen.calibration import calibration_file
 from hil import children as programs
 from hil import plant_record, process, tick_trace, timing
@@ -59,7 +59,7 @@ def choose_cores() -> tuple[int, int] | None:
 
 
 def drive(
-    settings: Settings, controller: PreparedController, setup: Setup, *, enabled: bool
+    settings: Run, controller: Controller, setup: Setup, *, enabled: bool
 ) -> tuple[Trace, dict[str, Any]]:
     """Drive the manoeuvre once as two programs; return its trace and the ``timing`` object.
 
@@ -112,14 +112,14 @@ def drive(
     return assemble(plant_record.load(record), tick_trace.load(ticks), settings, setup)
 
 
-def save_vehicle(settings: Settings, setup: Setup) -> None:
+def save_vehicle(settings: Run, setup: Setup) -> None:
     """Write the vehicle that the plant drives."""
     # a drawn vehicle may be implausible
     text = tomli_w.dumps({"unusual": list(plausible.KEYS), **settings.vehicle.document})
     (setup.folder / VEHICLE).write_text(text, encoding="utf-8")
 
 
-def plant_arguments(settings: Settings, setup: Setup, *, enabled: bool) -> list[str]:
+def plant_arguments(settings: Run, setup: Setup, *, enabled: bool) -> list[str]:
     """Return the plant's command line for ``settings``, with their vehicle in its file."""
     arguments = ["plant", settings.scenario, *setup.bus_options, *_pace(setup)]
     # its ECU is watched: it comes, or its end is noticed
@@ -141,7 +141,7 @@ def _pace(setup: Setup) -> list[str]:
     return ["--pace", setup.pace]
 
 
-def _phase(settings: Settings) -> list[str]:
+def _phase(settings: Run) -> list[str]:
     """Return the ECU's option for the phase of virtual time, "free" for a tick without one."""
     try:
         return words.arguments({"phase_ms": experiment.tick_phase_ns(settings) / 1e6})
@@ -156,7 +156,7 @@ def _core(setup: Setup, which: int) -> list[str]:
 def assemble(
     plant: PlantRecord,
     ecu: TickTrace,
-    settings: Settings,
+    settings: Run,
     setup: Setup,
     *,
     complete: bool = True,
@@ -211,7 +211,7 @@ def _refused(plant: PlantRecord, ecu: TickTrace) -> tuple[int, int]:
 
 
 def _judged(
-    settings: Settings,
+    settings: Run,
     setup: Setup,
     plant: PlantRecord,
     trace: Trace,
@@ -245,7 +245,7 @@ def _judged(
     )
 
 
-def _sensor_latency_ns(settings: Settings) -> int:
+def _sensor_latency_ns(settings: Run) -> int:
     sensors = settings.vehicle.sensors
     channels = (sensors.roll_rate, sensors.lateral_acceleration, sensors.yaw_rate)
     return round(max(channel.latency for channel in channels) * 1e9)

@@ -7,16 +7,16 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from canroll.runs.result import Settings
-from canroll.setup.controller import PreparedController
+from canroll.runs.result import Run
+from canroll.setup.controller import Controller
 from codegen.run.memory_image import image
 from dbc.reader import each
 from plant_sim.can_bus import load_profile
 
 
 def identity(
-    settings: Settings,
-    controller: PreparedController,
+    settings: Run,
+    controller: Controller,
     *,
     buses: Iterable[str] = (),
     others: Iterable[object] = (),
@@ -49,7 +49,7 @@ def fingerprint(description: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _files(settings: Settings, buses: Iterable[str], others: Iterable[object]) -> list[list[str]]:
+def _files(settings: Run, buses: Iterable[str], others: Iterable[object]) -> list[list[str]]:
     """Return name and hash of each file that a run may read, wherever it is on this machine."""
     buses = (settings.bus, *buses)
     texts = [settings.key, settings.plant, *buses, *dict(settings.options).values(), *others]

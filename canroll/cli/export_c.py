@@ -14,10 +14,10 @@ from canroll.cli.options import choices_of, chosen_services
 from canroll.cli.terminal import show, warnings
 from canroll.errors import CanrollError, writing
 from canroll.runs.experiment import plan
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from canroll.runs.traffic import record_traffic
 from canroll.setup.bus_frames import refuse_wide_steps
-from canroll.setup.controller import PreparedController
+from canroll.setup.controller import Controller
 from codegen.export import a2l, bundle, prefix
 from codegen.export.header import gains_header
 from codegen.generated import signals
@@ -89,7 +89,7 @@ def refuse_unwritable(folder: Path) -> None:
 
 
 def described(
-    args: argparse.Namespace, settings: Settings, controller: PreparedController, *, verified: bool
+    args: argparse.Namespace, settings: Run, controller: Controller, *, verified: bool
 ) -> bundle.Export:
     """Contents of the bundle."""
     record = controller.record

@@ -19,7 +19,7 @@ from canroll.handling.controlled_handling import Pair, compared, limit_of
 from canroll.handling.response_figure import draw
 from canroll.runs import experiment
 from canroll.setup.choices import PASSIVE, chosen
-from canroll.setup.controller import PreparedController
+from canroll.setup.controller import Controller
 from plant_sim import bodies
 from plant_sim.driving import maneuvers
 from plant_sim.world import handling
@@ -41,7 +41,7 @@ class Driven(Generic[Test]):
     about: Mapping[str, Any]
     warnings: Sequence[str]
     pair: Pair[Test]
-    controller: PreparedController | None = None
+    controller: Controller | None = None
 
 
 def run(args: argparse.Namespace) -> int:

@@ -13,7 +13,7 @@ from canroll.report import signal_files
 from canroll.report.staging import check_parent
 from canroll.runs import logs, phase
 from canroll.runs.experiment import build_world
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from canroll.runs.trace import entries
 from canroll.setup.bus_frames import firmware_of, profile_of
 from canroll.setup.choices import chosen
@@ -190,7 +190,7 @@ def world_of(args: argparse.Namespace, memory: lasting.LastingCounts = lasting.F
     """
     choices = choices_of(args)
     vehicle = vehicles.load(chosen(choices, "vehicle"))
-    settings = Settings.of(
+    settings = Run.of(
         choices, scenario=args.scenario, vehicle=vehicle, command=args.command_message
     )
     if outages(parse_all(settings.faults)):

@@ -12,9 +12,9 @@ from canroll.cli.options import choices_of
 from canroll.errors import CanrollError, MissingExtraError
 from canroll.runs import experiment
 from canroll.runs.experiment import plan
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from canroll.runs.traffic import record_traffic
-from canroll.setup.controller import PreparedController
+from canroll.setup.controller import Controller
 from codegen.run import cortex, qemu, unicorn
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.cortex import CortexRun
@@ -172,7 +172,7 @@ def named_rows(rows: Mapping[str, object]) -> list[str]:
     return [f"{name:<{width}}  {value}" for name, value in rows.items()]
 
 
-def recorded(args: argparse.Namespace) -> tuple[Settings, PreparedController, EcuTraffic]:
+def recorded(args: argparse.Namespace) -> tuple[Run, Controller, EcuTraffic]:
     """Drive the manoeuvre in virtual time; return what was run and what the ECU received."""
     settings, controller = plan(args.scenario, **choices_of(args))
     return settings, controller, record_traffic(settings, controller, args.duration)

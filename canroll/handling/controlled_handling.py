@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.runs.experiment import drive
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from canroll.runs.trace import Trace
-from canroll.setup.controller import PreparedController
+from canroll.setup.controller import Controller
 from canroll.typing import Progress
 from firmware.calibration import Q_MOMENT, VALVES, Calibration
 from firmware.state import ACTIVE
@@ -79,8 +79,8 @@ class Pair(Generic[Test]):
 
 
 def compared(
-    settings: Settings,
-    controller: PreparedController,
+    settings: Run,
+    controller: Controller,
     test: Callable[[Drive], Test],
     progress: Progress | None = None,
 ) -> Pair[Test]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from canroll.handling.controlled_handling import Control, Pair, limit_of
 from canroll.handling.response_figure import Panel
 from canroll.report.page import PageTable
-from canroll.setup.controller import PreparedController
+from canroll.setup.controller import Controller
 from firmware.calibration import VALVES
 from plant_sim.world.handling import LINEAR_ACCELERATION as UP_TO
 from plant_sim.world.handling import (
@@ -158,7 +158,7 @@ def panels(rows: Mapping[str, Mapping[str, Row]]) -> list[list[Panel]]:
 
 
 def limits(
-    controller: PreparedController,
+    controller: Controller,
     control: Sequence[Control],
     places: Sequence[float] | NDArray[np.float64],
     manoeuvres: str,

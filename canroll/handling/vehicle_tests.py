@@ -9,9 +9,9 @@ import vehicles
 from canroll.arguments import checked
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.runs import experiment
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from canroll.setup.choices import PASSIVE, Choices
-from canroll.setup.controller import PreparedController
+from canroll.setup.controller import Controller
 from canroll.table import Table
 from plant_sim import bodies
 from plant_sim.driving import maneuvers, standards
@@ -145,7 +145,7 @@ class ManoeuvreLimit:
         runs: "passive" and, but for the law "passive", "controlled".
     """
 
-    settings: Settings
+    settings: Run
     bracket: tuple[float, float]
     runs: Mapping[str, DrivenLimit]
 
@@ -218,8 +218,8 @@ def limit(
 
 
 def find(
-    settings: Settings,
-    controller: PreparedController,
+    settings: Run,
+    controller: Controller,
     *,
     enabled: bool,
     bracket: tuple[float, float],
@@ -239,7 +239,7 @@ def find(
 
 
 def _reason(
-    settings: Settings, controller: PreparedController, speeds: SpeedLimit, *, enabled: bool
+    settings: Run, controller: Controller, speeds: SpeedLimit, *, enabled: bool
 ) -> Limited | None:
     """Return what limited the slowest failed run; None if none failed."""
     if speeds.failed is None:

@@ -17,7 +17,7 @@ from canroll.reaction.reaction import mode_changes
 from canroll.report.columns import column, every, instants, packed_bytes, payloads
 from canroll.report.curves import MOMENT, CurveQuantity, Shown, derived, transfer
 from canroll.runs.metrics import has_wheel_loads
-from canroll.runs.result import Result, Settings
+from canroll.runs.result import Result, Run
 from canroll.runs.trace import TICK, Trace
 from dbc.reader import network
 from plant_sim.can_bus.kernel.layout import DELIVERED, OUTCOMES
@@ -80,7 +80,7 @@ def workbench(result: Result, runs: Sequence[Shown], title: str, start: float) -
     }
 
 
-def _run(run: Shown, described: Collection[str], settings: Settings) -> dict[str, Any]:
+def _run(run: Shown, described: Collection[str], settings: Run) -> dict[str, Any]:
     return {
         "name": run.name,
         "colour": run.colour,
@@ -91,7 +91,7 @@ def _run(run: Shown, described: Collection[str], settings: Settings) -> dict[str
     }
 
 
-def _signals(trace: Trace, settings: Settings) -> dict[str, Any]:
+def _signals(trace: Trace, settings: Run) -> dict[str, Any]:
     """Return time and all signals, with a few quantities derived from them."""
     stride = -(-row_count(trace.signals) // INSTANTS_MAX)
     commanded = unit_of_command(settings.actuator, settings.command)

@@ -14,12 +14,12 @@ from canroll.reaction import reaction
 from canroll.runs import conditions as conditions_of
 from canroll.runs import limit_cycle, metrics, phase, standard, steering_replay
 from canroll.runs.limit_cycle import LimitCycle
-from canroll.runs.result import Result, Settings
+from canroll.runs.result import Result, Run
 from canroll.runs.trace import Trace
 from canroll.runs.virtual_time import closed_loop
 from canroll.setup.bus_frames import check_frames, names_of, profile_of, refuse_useless_key
 from canroll.setup.choices import PASSIVE, Choices, check, chosen
-from canroll.setup.controller import COMMAND_TIMEOUT, PreparedController, prepare
+from canroll.setup.controller import COMMAND_TIMEOUT, Controller, prepare
 from canroll.setup.delay import sample_to_force
 from canroll.typing import Progress
 from codegen.run.backends import open_backend
@@ -59,7 +59,7 @@ def run(scenario: str, *, progress: Progress | None = None, **choices: Unpack[Ch
     return simulate(settings, controller, duration=choices.get("duration"), progress=progress)
 
 
-def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, PreparedController]:
+def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Run, Controller]:
     """Return settings and controller of :func:`run` with the same arguments.
 
     Raises:
@@ -100,7 +100,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, PreparedC
             f"{plant.name} has no {', '.join(plant.lacks)}: pitch and heave are 0 then, figures of "
             "the others left out"
         )
-    settings = Settings.of(
+    settings = Run.of(
         choices,
         scenario=scenario,
         vehicle=vehicle,
@@ -116,8 +116,8 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, PreparedC
 
 
 def simulate(
-    settings: Settings,
-    controller: PreparedController,
+    settings: Run,
+    controller: Controller,
     *,
     duration: float | None = None,
     progress: Progress | None = None,
@@ -144,14 +144,14 @@ def simulate(
     return assess(settings, controller, passive, controlled, replayed, cycle=cycle)
 
 
-def healthy(settings: Settings) -> Settings:
+def healthy(settings: Run) -> Run:
     """Return the settings of the fault-free vehicle that what faults do is measured against."""
     return settings if settings.law == PASSIVE else replace(settings, faults=())
 
 
 def limit_cycle_of(
-    settings: Settings,
-    controller: PreparedController,
+    settings: Run,
+    controller: Controller,
     controlled: Trace,
     passive: Mapping[str, NDArray[np.float64]],
 ) -> LimitCycle | None:
@@ -170,9 +170,7 @@ def limit_cycle_of(
     return next(own, None)
 
 
-def _goes_on(
-    settings: Settings, controller: PreparedController, controlled: Trace, cycle: LimitCycle
-) -> bool:
+def _goes_on(settings: Run, controller: Controller, controlled: Trace, cycle: LimitCycle) -> bool:
     """Whether the oscillation of the controlled run goes on without noise and straight on."""
     driven = max(1, round(cycle.established * 1e9) // STEP_NS)
     straight = maneuvers.straightened(
@@ -189,7 +187,7 @@ def _goes_on(
     return limit_cycle.goes_on(t[:end], moment[:end], cycle.established)
 
 
-def _without_noise(settings: Settings, since: float) -> Settings:
+def _without_noise(settings: Run, since: float) -> Run:
     """Return the settings without noise from ``since`` (s) on or faults that act repeatedly."""
     lasting = (
         fault
@@ -204,8 +202,8 @@ def _without_noise(settings: Settings, since: float) -> Settings:
 
 
 def drive(
-    settings: Settings,
-    controller: PreparedController,
+    settings: Run,
+    controller: Controller,
     *,
     enabled: bool,
     duration: float | None = None,
@@ -235,7 +233,7 @@ def drive(
     return trace if steer is None else steering_replay.with_path_error(trace, maneuver.drive)
 
 
-def tick_offset_ns(settings: Settings) -> int:
+def tick_offset_ns(settings: Run) -> int:
     """Return the instant of tick 0 for the chosen phase, else 0, ns."""
     if settings.phase is None:
         return 0
@@ -243,7 +241,7 @@ def tick_offset_ns(settings: Settings) -> int:
     return phase.offset_ns(world, round(settings.tick * 1e9), round(settings.phase * 1e9))
 
 
-def tick_phase_ns(settings: Settings) -> int:
+def tick_phase_ns(settings: Run) -> int:
     """Return the phase of the ticks of virtual time under ``settings``, ns.
 
     Raises:
@@ -255,12 +253,12 @@ def tick_phase_ns(settings: Settings) -> int:
     return phase.phase_ns(world, round(settings.tick * 1e9))
 
 
-def build_world(settings: Settings, *, enabled: bool, **others: Any) -> World:  # noqa: ANN401
+def build_world(settings: Run, *, enabled: bool, **others: Any) -> World:  # noqa: ANN401
     """Return the world for ``settings`` at time 0, with :func:`world_options`."""
     return World(**world_options(settings, enabled=enabled, **others))
 
 
-def world_options(settings: Settings, *, enabled: bool, **others: Any) -> dict[str, Any]:  # noqa: ANN401
+def world_options(settings: Run, *, enabled: bool, **others: Any) -> dict[str, Any]:  # noqa: ANN401
     """Return the arguments of the world for ``settings``; the ``others`` stand instead."""
     sensors, actuators = conditions_of.options(dict(settings.conditions))
     options = dict(
@@ -281,7 +279,7 @@ def world_options(settings: Settings, *, enabled: bool, **others: Any) -> dict[s
     return options | others
 
 
-def maneuver_of(settings: Settings) -> maneuvers.Maneuver:
+def maneuver_of(settings: Run) -> maneuvers.Maneuver:
     """Return the manoeuvre of ``settings``."""
     return maneuvers.build(
         settings.scenario,
@@ -292,14 +290,14 @@ def maneuver_of(settings: Settings) -> maneuvers.Maneuver:
     )
 
 
-def delay_of(settings: Settings) -> Delay:
+def delay_of(settings: Run) -> Delay:
     """Return the bounds of the sample-to-force delay under ``settings``, s."""
     return sample_to_force(settings.vehicle, settings.command, settings.profile, tick=settings.tick)
 
 
 def assess(
-    settings: Settings,
-    controller: PreparedController,
+    settings: Run,
+    controller: Controller,
     passive: Trace,
     controlled: Trace | None,
     replayed: Trace | None = None,
@@ -354,7 +352,7 @@ def assess(
     )
 
 
-def _effective_options(settings: Settings, maneuver: maneuvers.Maneuver) -> dict[str, Any]:
+def _effective_options(settings: Run, maneuver: maneuvers.Maneuver) -> dict[str, Any]:
     """Return the options of the manoeuvre that have an effect on this plant."""
     without = set() if body(settings.plant).friction else {"friction"}
     return {key: value for key, value in maneuver.options.items() if key not in without}

@@ -37,8 +37,8 @@ SHOWN = ("roll_max_deg", "nlt_front_max", "nlt_rear_max")
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
-    """Settings of a run.
+class Run:
+    """A run as planned: what is driven, by which law, over which bus, with which faults.
 
     ``speed`` in m/s, ``tick`` and ``phase`` in s (phase None: that of clocks that start together);
     ``command``: the message that commands the actuators; ``options`` of the manoeuvre; ``faults``
@@ -133,8 +133,8 @@ class Settings:
         return {name: own[name] if name in own else getattr(self, name) for name in SAVED}
 
     @classmethod
-    def of(cls, choices: Mapping[str, Any], **others: Any) -> "Settings":  # noqa: ANN401
-        """Return the settings of a run's choices; the ``others`` stand instead of theirs.
+    def of(cls, choices: Mapping[str, Any], **others: Any) -> "Run":  # noqa: ANN401
+        """Return the run of these choices; the ``others`` stand instead of theirs.
 
         Raises:
             CanrollError: an invalid fault.
@@ -186,7 +186,7 @@ class Result:
         reaction: modes, fault codes, detection and harm of the controlled run, if any.
     """
 
-    settings: Settings
+    settings: Run
     record: Calibration
     tables: Mapping[str, Any]
     delay: Delay

@@ -14,9 +14,9 @@ from canroll import documents
 from canroll.errors import UNREADABLE, CanrollError, reason, writing
 from canroll.runs.experiment import assess
 from canroll.runs.limit_cycle import LimitCycle
-from canroll.runs.result import SAVED, Result, Settings
+from canroll.runs.result import SAVED, Result, Run
 from canroll.runs.trace import Trace, entries, restored
-from canroll.setup.controller import COMMANDS, PreparedController
+from canroll.setup.controller import COMMANDS, Controller
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from plant_sim.bodies import BODIES
@@ -105,7 +105,7 @@ def load(folder: Path) -> Result:
         raise CanrollError(
             f"{folder}: {RESULT}, {TRACE} and {CALIBRATION} come from different runs"
         )
-    controller = PreparedController(
+    controller = Controller(
         settings.vehicle, settings.law, settings.actuator, loaded.record, loaded.tables, ()
     )
     result = assess(settings, controller, passive, controlled, replayed, cycle=cycle)
@@ -118,7 +118,7 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:
+def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Run:
     vehicle = vehicles.embedded(
         data[DOCUMENT],
         reference=data["plant_vehicle"] or loaded.vehicle.reference,
@@ -128,7 +128,7 @@ def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:
     for registry, name in ((MANEUVERS, "scenario"), (BODIES, "plant"), (BUSES, "bus")):
         registry.refuse_code(data[name], str(loaded.path.parent / RESULT))
     phase = data["phase_ms"]["chosen"]
-    return Settings.of(
+    return Run.of(
         {name: data[name] for name in SAVED},
         scenario=data["scenario"],
         vehicle=vehicle,

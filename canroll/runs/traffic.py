@@ -1,16 +1,14 @@
 """What the ECU receives in a run."""
 
 from canroll.runs.experiment import build_world
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from canroll.runs.virtual_time import closed_loop
-from canroll.setup.controller import PreparedController
+from canroll.setup.controller import Controller
 from codegen.run.backends import Recorder, open_backend
 from codegen.run.ecu_traffic import EcuTraffic
 
 
-def record_traffic(
-    settings: Settings, controller: PreparedController, duration: float
-) -> EcuTraffic:
+def record_traffic(settings: Run, controller: Controller, duration: float) -> EcuTraffic:
     """Drive the first ``duration`` seconds with control; return what the ECU received."""
     firmware = settings.firmware
     ecu = open_backend(settings.backend, controller.record, firmware, key=settings.secret)

@@ -43,7 +43,7 @@ COUNTS = 15
 
 
 @dataclass(frozen=True, slots=True)
-class PreparedController:
+class Controller:
     """A calibration with its vehicle and law; ``warnings`` refer to the chosen bus."""
 
     vehicle: Vehicle
@@ -99,7 +99,7 @@ class PreparedController:
         return verified
 
 
-def prepare(choices: Mapping[str, Any]) -> PreparedController:
+def prepare(choices: Mapping[str, Any]) -> Controller:
     """Return the controller for ``choices`` (:class:`canroll.setup.choices.Choices`).
 
     Raises:
@@ -265,13 +265,13 @@ def _sample_period(choices: Mapping[str, Any]) -> float:
     return 0.0
 
 
-def _designed(choices: Mapping[str, Any]) -> PreparedController:
+def _designed(choices: Mapping[str, Any]) -> Controller:
     law = chosen(choices, "law")
     task = task_of(choices)
     options = options_of(choices, task.vehicle)
     _, record, tables = calibrated(law, task, options)
     warnings = tuple(tables["design"]["warnings"])
-    return PreparedController(task.vehicle, law, task.actuator, record, tables, warnings)
+    return Controller(task.vehicle, law, task.actuator, record, tables, warnings)
 
 
 def calibrated(
@@ -303,7 +303,7 @@ def calibrated(
     return kept("calibrations", made_of(law, task, options), make)
 
 
-def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> PreparedController:
+def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> Controller:
     vehicle, note = calibration.vehicle, ""
     if choices.get("plant_vehicle") is None:
         note = vehicles.note_of_change(vehicle, "calibration")
@@ -311,7 +311,7 @@ def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> Prepa
     delay = sample_to_force(vehicle, command, profile_of(choices), tick=calibration.tick)
     warnings = [line for line in calibration.warnings if "expect a limit cycle" not in line]
     beyond = calibration.delay_warning(delay.most) or _other_delay(calibration, choices, delay)
-    return PreparedController(
+    return Controller(
         vehicle=vehicle,
         law=choices.get("law") or calibration.law,
         actuator=calibration.actuator,

@@ -21,8 +21,8 @@ from scipy.linalg import toeplitz
 from scipy.optimize import brentq
 
 from canroll.runs.metrics import rms
-from canroll.runs.result import Settings
-from canroll.setup.controller import PreparedController
+from canroll.runs.result import Run
+from canroll.setup.controller import Controller
 from canroll.typing import Vector
 from plant_sim import bodies
 from plant_sim.world.open_loop import moment_response
@@ -77,9 +77,7 @@ class EffortBound:
         return sqrt(float(np.mean(left**2)))
 
 
-def bound_of(
-    settings: Settings, controller: PreparedController, time: Vector, roll: Vector
-) -> EffortBound:
+def bound_of(settings: Run, controller: Controller, time: Vector, roll: Vector) -> EffortBound:
     """Return the bound of a run.
 
     Args:

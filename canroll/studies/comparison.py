@@ -10,10 +10,10 @@ from canroll.cases.execution import IN_TURN, Cases
 from canroll.errors import CanrollError
 from canroll.runs import saved_run
 from canroll.runs.experiment import drive, healthy, plan, simulate
-from canroll.runs.result import Result, Settings
+from canroll.runs.result import Result, Run
 from canroll.runs.trace import Trace
 from canroll.setup.choices import CHOICES, without_frozen
-from canroll.setup.controller import PreparedController
+from canroll.setup.controller import Controller
 from canroll.setup.words import described
 from canroll.table import Table
 
@@ -205,8 +205,8 @@ def runs(
     planned = [
         plan(scenario, **_merged(common, keywords), duration=duration) for _, keywords in wanted
     ]
-    alone: list[Settings] = []
-    drivers: list[tuple[Settings, PreparedController]] = []
+    alone: list[Run] = []
+    drivers: list[tuple[Run, Controller]] = []
     places = []
     for settings, controller in planned:
         same = replace(settings, law="", observer="")
@@ -226,15 +226,13 @@ def runs(
     ]
 
 
-def uncontrolled(
-    settings: Settings, controller: PreparedController, duration: float | None
-) -> Trace:
+def uncontrolled(settings: Run, controller: Controller, duration: float | None) -> Trace:
     """Drive the run without control."""
     return drive(healthy(settings), controller, enabled=False, duration=duration)
 
 
 def simulated(
-    settings: Settings, controller: PreparedController, duration: float | None, passive: Trace
+    settings: Run, controller: Controller, duration: float | None, passive: Trace
 ) -> Result:
     """Drive the run with control, and return its figures."""
     return simulate(settings, controller, duration=duration, passive=passive)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from canroll.errors import CanrollError
 from canroll.runs.experiment import drive, limit_cycle_of
 from canroll.runs.metrics import judge, rms
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from canroll.setup.choices import PASSIVE
-from canroll.setup.controller import PreparedController
+from canroll.setup.controller import Controller
 from canroll.studies.bound import EffortBound, bound_of
 from gain_gen.calibration.record import identify
 
@@ -88,16 +88,14 @@ class BudgetError(CanrollError):
         self.nearest = nearest
 
 
-def scaled(controller: PreparedController, factor: float) -> PreparedController:
+def scaled(controller: Controller, factor: float) -> Controller:
     """Return the controller with its moment multiplied, at every speed of the schedule."""
     record = copy(controller.record)
     record.schedule_gain = [round(factor * gain) for gain in record.schedule_gain]
     return replace(controller, record=identify(record))
 
 
-def without_control(
-    population: Sequence[Settings], controller: PreparedController
-) -> list[Passive]:
+def without_control(population: Sequence[Run], controller: Controller) -> list[Passive]:
     """Return each run of ``population`` without control."""
     passive = []
     for settings in population:
@@ -108,8 +106,8 @@ def without_control(
 
 
 def driven(
-    population: Sequence[Settings],
-    controller: PreparedController,
+    population: Sequence[Run],
+    controller: Controller,
     passive: Sequence[Passive],
     *,
     factor: float = 1.0,

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from canroll.runs.experiment import plan
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from canroll.setup.choices import PASSIVE
-from canroll.setup.controller import PreparedController
+from canroll.setup.controller import Controller
 from canroll.studies.effort import (
     FIGURES,
     MOMENT_RMS,
@@ -111,7 +111,7 @@ def law_row(driver: "LawDriver", entry: EffortEntry, effort: float) -> EffortRow
     return driver.row(entry, effort)
 
 
-def with_stiffer_bar(settings: Settings, factor: float) -> Settings:
+def with_stiffer_bar(settings: Run, factor: float) -> Run:
     """Return ``settings`` with a plant of ``factor`` times its roll stiffness."""
     plant = settings.vehicle.plant
     stiffer = replace(plant, roll_stiffness=factor * plant.roll_stiffness)
@@ -128,7 +128,7 @@ class LawDriver:
     spread: Mapping[str, float]
     passive: Sequence[Passive]
 
-    def plan(self, entry: EffortEntry) -> tuple[list[Settings], PreparedController]:
+    def plan(self, entry: EffortEntry) -> tuple[list[Run], Controller]:
         """Return the runs of a law, and its controller."""
         settings, controller = plan(self.scenario, **{**self.common, **entry.keywords})
         return population(settings, self.runs, self.spread), controller

@@ -21,9 +21,9 @@ from canroll.errors import CanrollError
 from canroll.report.page import PageTable
 from canroll.runs.experiment import drive, limit_cycle_of, plan
 from canroll.runs.metrics import peak, rms
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from canroll.setup.choices import OF_ONE_MANOEUVRE, PASSIVE, check, chosen
-from canroll.setup.controller import PreparedController
+from canroll.setup.controller import Controller
 from canroll.studies import equal_effort
 from canroll.studies.effort import scaled
 from canroll.studies.effort_rows import EffortEntry, with_stiffer_bar
@@ -217,7 +217,7 @@ def study(
 
 
 def drive_all(
-    fleet: Sequence[tuple[Settings, PreparedController]],
+    fleet: Sequence[tuple[Run, Controller]],
     where: Severe,
     index: int,
     spread: Mapping[str, float],

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from canroll.errors import CanrollError, UnknownNameError
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from vehicles import Vehicle
 from vehicles.check import problems
 from vehicles.model import RollModel
@@ -54,12 +54,12 @@ def spread_from(given: Mapping[str, str | float]) -> dict[str, float]:
 
 
 def draw(
-    nominal: Settings,
+    nominal: Run,
     index: int,
     *,
     spread: Mapping[str, float],
     seed: int,
-) -> Settings:
+) -> Run:
     """Return draw ``index`` of a population; it depends only on ``seed`` and ``index``.
 
     The driven vehicle varies, the one the controller was designed for does not. Noise, phases and
@@ -97,7 +97,7 @@ def draw(
     )
 
 
-def population(nominal: Settings, count: int, spread: Mapping[str, float]) -> list[Settings]:
+def population(nominal: Run, count: int, spread: Mapping[str, float]) -> list[Run]:
     """Return draws 0 to ``count`` − 1 of seed 0: the same worlds for every law.
 
     Raises:

@@ -29,7 +29,7 @@ from gain_gen.analysis.margins import (
     nyquist_margins,
 )
 from gain_gen.analysis.sampled_loop import SampledLoop, spectral_radius
-from gain_gen.models.controller import Controller, at_speed, matrices
+from gain_gen.models.controller import LinearController, at_speed, matrices
 from gain_gen.models.linear_car import linear_car
 from gain_gen.models.roll import Matrix, zero_order_hold
 from gain_gen.models.state_space import Complex, StateSpace, resolvent_rows
@@ -156,7 +156,7 @@ class Member:
         tick = next(iter(self.held.values())).tick
         return zero_order_hold(self.plant.a, self.plant.disturbance, tick)[1]
 
-    def loop(self, controller: Controller, delay: float) -> SampledLoop:
+    def loop(self, controller: LinearController, delay: float) -> SampledLoop:
         """Return the loop at any delay in s as matrices, cut at the command, at this speed."""
         plant = self.held.get(delay)
         if plant is None:
@@ -240,16 +240,16 @@ class Family:
         """Longest less least delay, s."""
         return self.delays[-1] - self.delays[0]
 
-    def controller_response(self, controller: Controller) -> Complex:
+    def controller_response(self, controller: LinearController) -> Complex:
         """Return the command per reading, (frequencies, 4)."""
         return StateSpace(*matrices(controller), self.tick).response(self.frequencies)[:, 0]
 
-    def margins(self, controller: Controller) -> FamilyMargins:
+    def margins(self, controller: LinearController) -> FamilyMargins:
         """Return gain margin, phase margin and Ms of every member at every delay."""
         return FamilyMargins(tuple(self.rows(controller)))
 
     def rows(
-        self, controller: Controller, *, first: FamilyRow | None = None
+        self, controller: LinearController, *, first: FamilyRow | None = None
     ) -> Iterator[FamilyRow]:
         """Yield the margins one by one, starting at the member and delay of ``first``.
 
@@ -266,7 +266,7 @@ class Family:
             margins = nyquist_margins(self.frequencies, gain, member.loop(controller, delay))
             yield FamilyRow(member.condition, delay, margins)
 
-    def jitter(self, controller: Controller) -> tuple[float, Condition]:
+    def jitter(self, controller: LinearController) -> tuple[float, Condition]:
         """Return the greatest :func:`jitter_level` of all members and where it is.
 
         Below one every member is stable for any sequence of delays between the bounds.
@@ -291,7 +291,7 @@ class Family:
         return max(levels, key=lambda entry: entry[0])
 
     def largest_delay(
-        self, controller: Controller, margins: FamilyMargins, *, limit: float
+        self, controller: LinearController, margins: FamilyMargins, *, limit: float
     ) -> float:
         """Return the largest constant delay, from the least on, at which all members are stable, s.
 
@@ -319,7 +319,7 @@ class Family:
             searched += unsafe
 
 
-def _all_stable(members: Sequence[Member], controller: Controller, delay: float) -> bool:
+def _all_stable(members: Sequence[Member], controller: LinearController, delay: float) -> bool:
     return all(spectral_radius(member.loop(controller, delay)) < 1.0 for member in members)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_continuous_lyapunov
 
-from gain_gen.models.controller import Controller, matrices
+from gain_gen.models.controller import LinearController, matrices
 from gain_gen.models.roll import Matrix, zero_order_hold
 from gain_gen.models.state_space import Complex
 
@@ -64,7 +64,7 @@ def held(a: Matrix, command: Matrix, *, tick: float, delay: float) -> HeldPlant:
 
 
 def opened(
-    plant: HeldPlant, controller: Controller, measured: Matrix, *, summed: bool = True
+    plant: HeldPlant, controller: LinearController, measured: Matrix, *, summed: bool = True
 ) -> tuple[Matrix, Matrix, Matrix]:
     """Return A, B, C of plant, delay line and controller, cut where the command leaves the ECU.
 

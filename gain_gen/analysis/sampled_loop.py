@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gain_gen.analysis.held_plant import held, opened, padded
-from gain_gen.models.controller import Controller
+from gain_gen.models.controller import LinearController
 from gain_gen.models.observer import LateralModel
 from gain_gen.models.roll import (
     Matrix,
@@ -76,7 +76,7 @@ def continuous_plant(
 
 def build(
     model: RollModel,
-    controller: Controller,
+    controller: LinearController,
     *,
     delay: float,
     lag: float,

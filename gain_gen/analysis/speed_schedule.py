@@ -16,7 +16,7 @@ from scipy.linalg import eigh
 from canroll.build_cache import kept
 from gain_gen.analysis.family import NOMINAL, Condition, Family, family
 from gain_gen.analysis.margins import factor_within
-from gain_gen.models.controller import SPEEDS, Controller, scaled_controller
+from gain_gen.models.controller import SPEEDS, LinearController, scaled_controller
 from gain_gen.models.roll import Matrix, stationary_covariance
 from gain_gen.models.state_space import Complex
 from gain_gen.models.task import Design, Task, made_of
@@ -45,7 +45,7 @@ class Speeds:
 
     families: tuple[Family, ...]
 
-    def limits(self, controller: Controller) -> tuple[float, ...]:
+    def limits(self, controller: LinearController) -> tuple[float, ...]:
         """Return the largest factor at each speed of the table with which the loop has margins.
 
         Near the nominal speed there is no limit: a law without margins there is detuned as a
@@ -58,7 +58,7 @@ class Speeds:
             for speed, family in zip(SPEEDS, self.families[::2], strict=True)
         )
 
-    def worst(self, controller: Controller) -> tuple[float, float]:
+    def worst(self, controller: LinearController) -> tuple[float, float]:
         """Return the least gain margin, dB, and the greatest Ms at all of the speeds."""
         rows = [row.margins for family in self.families for row in family.rows(controller)]
         return min(row.gain_db for row in rows), max(row.sensitivity for row in rows)
@@ -85,7 +85,7 @@ def speeds_of(task: Task) -> Speeds:
     )
 
 
-def loop_gains(family: Family, controller: Controller) -> Iterator[Complex]:
+def loop_gains(family: Family, controller: LinearController) -> Iterator[Complex]:
     """Yield the loop gain of every member at every delay, negative feedback."""
     response = family.controller_response(controller)
     for member in family.members:
@@ -100,7 +100,9 @@ def largest_factor(gain: Complex) -> float:
     )
 
 
-def scheduled(controller: Controller, limits: tuple[float, ...], scale: float) -> Controller:
+def scheduled(
+    controller: LinearController, limits: tuple[float, ...], scale: float
+) -> LinearController:
     """Return ``controller`` with its command scaled and limited at each speed.
 
     Args:
@@ -124,7 +126,7 @@ def with_speed_rate(answer: Design) -> Design:
     return replace(answer, margins={**answer.margins, "checked_speed_rate": rate})
 
 
-def checked_speed_rate(task: Task, controller: Controller) -> float:
+def checked_speed_rate(task: Task, controller: LinearController) -> float:
     """Return the largest rate of speed change, m/s², at which Lyapunov functions keep decaying.
 
     Piecewise Lyapunov functions x'P_i x at speeds v_i: P_i decays in every tick from v_(i−1) to
@@ -136,7 +138,7 @@ def checked_speed_rate(task: Task, controller: Controller) -> float:
     return min(_speed_rate(task, controller, load) for load in LOADS)
 
 
-def _speed_rate(task: Task, controller: Controller, load: str) -> float:
+def _speed_rate(task: Task, controller: LinearController, load: str) -> float:
     """Return the rate for one load; zero where a function does not decay."""
     halves = np.arange(SPEEDS[0], SPEEDS[-1] + 0.25 * STEP, 0.5 * STEP)
     longest = task.delay.most

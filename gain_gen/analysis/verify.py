@@ -10,7 +10,7 @@ from gain_gen.analysis.family import Family, FamilyMargins, FamilyRow
 from gain_gen.analysis.fitted_family import margins_of_draws
 from gain_gen.analysis.sampled_loop import SampledLoop, build, roll_rms, spectral_radius
 from gain_gen.analysis.speed_schedule import Speeds
-from gain_gen.models.controller import Controller
+from gain_gen.models.controller import LinearController
 from gain_gen.models.roll import scaled
 from gain_gen.models.task import Check, Design, Solution, Task, above, below
 
@@ -83,13 +83,13 @@ def holds(row: FamilyRow) -> bool:
     return margins.gain_db > GAIN_MARGIN_DB and margins.sensitivity < PEAK_SENSITIVITY
 
 
-def _roll_loop(task: Task, controller: Controller, delay: float) -> SampledLoop:
+def _roll_loop(task: Task, controller: LinearController, delay: float) -> SampledLoop:
     """Return the loop on the roll model of the vehicle's ``design`` part."""
     return build(task.vehicle.design, controller, delay=delay, lag=task.lag, lateral=task.lateral)
 
 
 def _check_roll(
-    task: Task, checks: dict[str, Check], report: dict[str, float], controller: Controller
+    task: Task, checks: dict[str, Check], report: dict[str, float], controller: LinearController
 ) -> None:
     """Check that the roll model rolls less, and report by how much at half to twice the delay."""
     passive = roll_rms(_roll_loop(task, passive_controller(controller), 0.0))
@@ -101,7 +101,7 @@ def _check_roll(
 
 
 def _check_box(
-    task: Task, checks: dict[str, Check], report: dict[str, float], controller: Controller
+    task: Task, checks: dict[str, Check], report: dict[str, float], controller: LinearController
 ) -> None:
     """Stability and benefit at every corner of the roll model's parameter box."""
     worst_radius = worst_ratio = 0.0
@@ -126,7 +126,7 @@ def _check_box(
 
 
 def _check_speeds(
-    speeds: Speeds, checks: dict[str, Check], report: dict[str, float], controller: Controller
+    speeds: Speeds, checks: dict[str, Check], report: dict[str, float], controller: LinearController
 ) -> None:
     """Check margins at and between the speeds of the schedule."""
     gain_db, sensitivity = speeds.worst(controller)
@@ -135,7 +135,7 @@ def _check_speeds(
     report["least_schedule_factor"] = min(controller.schedule)
 
 
-def passive_controller(controller: Controller) -> Controller:
+def passive_controller(controller: LinearController) -> LinearController:
     """Return a controller whose command is zero."""
     return replace(
         controller,

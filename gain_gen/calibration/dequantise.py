@@ -5,7 +5,7 @@ import numpy as np
 from firmware import calibration as fw
 from firmware.calibration import Calibration
 from gain_gen.calibration.rows import Q_COMPENSATOR, Q_COMPENSATOR_INPUTS, Q_MEASURED, Q_STATE
-from gain_gen.models.controller import Compensator, Controller
+from gain_gen.models.controller import Compensator, LinearController
 from gain_gen.models.observer import Observer, ObserverModel
 from gain_gen.models.roll import Matrix
 
@@ -90,7 +90,7 @@ def _gain(record: Calibration, m: int, i: int) -> float:
     return float(record.correction[m][i] * 2.0**-exponent)
 
 
-def dequantise(record: Calibration) -> Controller:
+def dequantise(record: Calibration) -> LinearController:
     """Return the controller of a record in SI units."""
     rows = physical_rows(record)
     tick = 1e-6 * record.tick_us
@@ -121,7 +121,7 @@ def dequantise(record: Calibration) -> Controller:
             c=np.array(rows["compensator_c"])[:, :n].reshape(outputs, n),
             d=np.array(rows["compensator_d"]).reshape(outputs, 4),
         )
-    return Controller(
+    return LinearController(
         tick=tick,
         observer=observer,
         feedback=rows["feedback"][0],

@@ -22,7 +22,7 @@ from gain_gen.analysis.margins import nyquist_grid
 from gain_gen.analysis.sampled_loop import build
 from gain_gen.analysis.verify import passive_controller
 from gain_gen.calibration.dequantise import dequantise
-from gain_gen.models.controller import Controller, matrices, step
+from gain_gen.models.controller import LinearController, matrices, step
 from gain_gen.models.roll import Matrix
 from gain_gen.models.state_space import StateSpace
 from gain_gen.models.task import Check, Design, below
@@ -49,7 +49,7 @@ def quantisation_checks(design: Design, record: Calibration) -> dict[str, Check]
     return checks
 
 
-def response_error(exact: Controller, quantised: Controller) -> float:
+def response_error(exact: LinearController, quantised: LinearController) -> float:
     """Return the largest difference of both responses from every input, over their peak."""
     worst = 0.0
     responses = [_response(controller) for controller in (exact, quantised)]
@@ -61,7 +61,7 @@ def response_error(exact: Controller, quantised: Controller) -> float:
     return worst
 
 
-def _response(controller: Controller) -> np.ndarray:
+def _response(controller: LinearController) -> np.ndarray:
     """Frequency response from the controller's inputs to the moment, (frequencies, inputs)."""
     frequencies = nyquist_grid(controller.tick, 200)
     return StateSpace(*matrices(controller), controller.tick).response(frequencies)[:, 0]

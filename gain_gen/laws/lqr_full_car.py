@@ -11,7 +11,7 @@ from gain_gen.laws.compensator import scaled_states
 from gain_gen.laws.declared import law
 from gain_gen.laws.state_feedback import controller_of
 from gain_gen.laws.state_gains import riccati_gain
-from gain_gen.models.controller import Compensator, Controller
+from gain_gen.models.controller import Compensator, LinearController
 from gain_gen.models.full_car import (
     CURRENTS,
     INPUT_WEIGHT,
@@ -98,7 +98,9 @@ def reduced(full: Compensator, order: int, tick: float) -> Compensator:
     )
 
 
-def closed_loop(car: SampledCar, controller: Controller, delay: float) -> tuple[Matrix, Matrix]:
+def closed_loop(
+    car: SampledCar, controller: LinearController, delay: float
+) -> tuple[Matrix, Matrix]:
     """Return A and the noise column of car, delay line and ECU; currents in mA as commanded.
 
     The delay is rounded up to whole ticks, so it is never less than the real one.
@@ -144,7 +146,7 @@ def design_lqr_full_car(task: Task) -> Solution:
     ideal = rolling(car.phi - car.gamma @ gain, car.noise, roll)
     full = compensator_in_full(car, gain, task)
     tried: dict[str, float] = {}
-    chosen: Controller | None = None
+    chosen: LinearController | None = None
     kept = 0.0
     for order in ORDERS:
         candidate = _in_milliampere(reduced(full, order, task.tick))
@@ -179,7 +181,9 @@ def _in_milliampere(compensator: Compensator) -> Compensator:
     )
 
 
-def _checks(task: Task, car: SampledCar, controller: Controller, kept: float) -> dict[str, Check]:
+def _checks(
+    task: Task, car: SampledCar, controller: LinearController, kept: float
+) -> dict[str, Check]:
     """Stability at every delay in the bounds, other speeds, and the remaining benefit."""
     delays = np.linspace(task.delay.least, task.delay.most, 5)
     radius = max(

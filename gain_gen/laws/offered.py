@@ -9,7 +9,7 @@ from canroll.errors import CanrollError
 from canroll.extension import guarded
 from firmware.calibration import N_RING
 from gain_gen.laws.compensator import checked
-from gain_gen.models.controller import Controller
+from gain_gen.models.controller import LinearController
 from gain_gen.models.observer import Observer
 from gain_gen.models.task import Solution, Task
 
@@ -38,14 +38,16 @@ def accept(what: str, law: Callable[[Task], Solution]) -> Callable[[Task], Solut
     return call
 
 
-def check_controller(controller: Controller, task: Task) -> None:
+def check_controller(controller: LinearController, task: Task) -> None:
     """Refuse a controller with shapes or numbers that the ECU cannot hold.
 
     Raises:
         CanrollError: the message names the fault.
     """
-    if not isinstance(controller, Controller) or not isinstance(controller.observer, Observer):
-        raise CanrollError("its controller must be a Controller with an Observer")
+    if not isinstance(controller, LinearController) or not isinstance(
+        controller.observer, Observer
+    ):
+        raise CanrollError("its controller must be a LinearController with an Observer")
     rows = {"feedback": 5, "feedforward": 5, "output_gain": 3}
     for name, length in rows.items():
         row = getattr(controller, name)

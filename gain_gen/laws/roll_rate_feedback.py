@@ -15,7 +15,7 @@ from gain_gen.laws.state_feedback import (
     controller_of,
     feedforward_row,
 )
-from gain_gen.models.controller import Controller
+from gain_gen.models.controller import LinearController
 from gain_gen.models.roll import (
     PERFORMANCE,
     ROLL_RATE,
@@ -76,7 +76,7 @@ def exact_optimum(model: RollModel, delay: float, *, guess: float) -> ExactOptim
     return ExactOptimum(-exp(float(minimum.x)), float(minimum.fun))
 
 
-def static_controller(task: Task, gain: float) -> Controller:
+def static_controller(task: Task, gain: float) -> LinearController:
     """Return u = K (roll rate) as measured."""
     return controller_of(task, output_gain=np.array([gain, 0.0, 0.0]))
 

@@ -14,7 +14,7 @@ from gain_gen.laws.state_gains import (
     sliding_mode,
     yim_weights,
 )
-from gain_gen.models.controller import Controller
+from gain_gen.models.controller import LinearController
 from gain_gen.models.observer import LateralModel, Observer, SensorNoise, kalman, observer_model
 from gain_gen.models.roll import Matrix
 from gain_gen.models.task import Solution, Task
@@ -74,17 +74,17 @@ def feedforward_row(task: Task, gain: float) -> Matrix:
     return np.array([0.0, 0.0, gain if task.feedforward else 0.0, 0.0, 0.0])
 
 
-def controller_of(task: Task, **gains: Any) -> Controller:  # noqa: ANN401
+def controller_of(task: Task, **gains: Any) -> LinearController:  # noqa: ANN401
     """Return a controller of a task, by default of its actuator; rows not given are zero."""
     usual = {
         "feedback": np.zeros(5),
         "feedforward": np.zeros(5),
         "actuator_rate": actuator_rate(task),
     }
-    return Controller(tick=task.tick, observer=observer_of(task), **{**usual, **gains})
+    return LinearController(tick=task.tick, observer=observer_of(task), **{**usual, **gains})
 
 
-def state_feedback(task: Task, gain: Matrix) -> Controller:
+def state_feedback(task: Task, gain: Matrix) -> LinearController:
     """Return u = −K [φ, φ'] − K_FF a_y on the observed state, ignoring the delay."""
     return controller_of(
         task,

@@ -38,7 +38,7 @@ class Compensator:
 
 
 @dataclass(frozen=True, slots=True)
-class Controller:
+class LinearController:
     """Everything between the received samples and the moment command, in SI units.
 
     Exactly one of state feedback (``feedback`` with an observer), output feedback and compensator
@@ -98,7 +98,7 @@ class Controller:
         return (5 if self.observes else 0) + self.predict_steps + compensator
 
 
-def scaled_controller(controller: Controller, factor: float) -> Controller:
+def scaled_controller(controller: LinearController, factor: float) -> LinearController:
     """Return the controller with its whole command multiplied."""
     compensator = controller.compensator
     if compensator is not None:
@@ -113,7 +113,7 @@ def scaled_controller(controller: Controller, factor: float) -> Controller:
     )
 
 
-def at_speed(controller: Controller, speed: float) -> Controller:
+def at_speed(controller: LinearController, speed: float) -> LinearController:
     """Return the controller at ``speed``, m/s, with its factor applied and a schedule of ones."""
     fixed = replace(controller, schedule=(1.0,) * len(SPEEDS))
     return scaled_controller(fixed, controller.factor_at(speed))
@@ -127,7 +127,7 @@ def correct(observer: Observer, x: Matrix, y: Matrix) -> Matrix:
     return x
 
 
-def observe(controller: Controller, x: Matrix, y: Matrix) -> Matrix:
+def observe(controller: LinearController, x: Matrix, y: Matrix) -> Matrix:
     """Return the estimate after a tick: prediction under the delivered moment, corrections."""
     if controller.observer.bypass:
         # the true lateral acceleration is received: what the accelerometer reads without gravity
@@ -139,7 +139,7 @@ def observe(controller: Controller, x: Matrix, y: Matrix) -> Matrix:
     return correct(controller.observer, x, y)
 
 
-def predict(controller: Controller, x: Matrix, ring: Matrix, moment: Matrix) -> Matrix:
+def predict(controller: LinearController, x: Matrix, ring: Matrix, moment: Matrix) -> Matrix:
     """Return the state ``predict_steps`` ticks ahead under the past commands, oldest first."""
     model = controller.observer.model
     for command in ring:
@@ -150,7 +150,7 @@ def predict(controller: Controller, x: Matrix, ring: Matrix, moment: Matrix) -> 
 
 
 def step(
-    controller: Controller, state: Matrix, y: Matrix, *, limit: float = inf
+    controller: LinearController, state: Matrix, y: Matrix, *, limit: float = inf
 ) -> tuple[Matrix, Matrix]:
     """Advance by one tick.
 
@@ -189,7 +189,7 @@ def step(
 
 
 def matrices(
-    controller: Controller, *, summed: bool = True
+    controller: LinearController, *, summed: bool = True
 ) -> tuple[Matrix, Matrix, Matrix, Matrix]:
     """Return A, B, C, D of the controller from y to u by passing unit vectors through it.
 

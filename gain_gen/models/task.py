@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import dbc
 from canroll.build_cache import key, sources
 from firmware.com.signals import RX_IDS
-from gain_gen.models.controller import Controller
+from gain_gen.models.controller import LinearController
 from gain_gen.models.observer import LateralModel, SensorNoise
 from gain_gen.models.roll import Matrix
 from vehicles import Vehicle
@@ -166,7 +166,7 @@ class Solution:
         given: the user's matrices by name, as in the file.
     """
 
-    controller: Controller
+    controller: LinearController
     gamma: float | None = None
     gamma_bound: float | None = None
     gamma_channel: str = ""
@@ -207,7 +207,7 @@ class Design:
         return f"<{self.law} for {self.task.vehicle.name}: {verdict}; {figures}>"
 
     @property
-    def controller(self) -> Controller:
+    def controller(self) -> LinearController:
         """The gains, SI units."""
         return self.solution.controller
 

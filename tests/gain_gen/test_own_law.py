@@ -20,14 +20,14 @@ PYTHON = """
 import numpy as np
 
 from gain_gen.laws.state_feedback import observer_of
-from gain_gen.models.controller import Controller
+from gain_gen.models.controller import LinearController
 from gain_gen.models.task import Solution
 
 
 def law(task):
     '''The gains of the file.'''
     feedback = np.array([60_000.0, 9_000.0, 0.0, 0.0, 0.0])
-    return Solution(Controller(task.tick, observer_of(task), feedback, np.zeros(5)))
+    return Solution(LinearController(task.tick, observer_of(task), feedback, np.zeros(5)))
 """
 
 

@@ -28,7 +28,7 @@ from canroll.extensions.campaign.faults import catalogue as fault_catalogue
 from canroll.extensions.exchange.fmi import plant as fmu
 from canroll.runs import saved_run
 from canroll.runs.experiment import plan
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from codegen.export import a2l
 from codegen.generated import bus_map, own_stage
 from codegen.run import native, stage_modules
@@ -153,7 +153,7 @@ def _catalogue(path: Path) -> object:
 
 
 @cache
-def _settings() -> Settings:
+def _settings() -> Run:
     return plan("double_lane_change")[0]
 
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from canroll.runs import metrics
 from canroll.runs.experiment import drive, limit_cycle_of, maneuver_of, tick_offset_ns
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from canroll.runs.trace import TICK, Trace
-from canroll.setup.controller import PreparedController
+from canroll.setup.controller import Controller
 from firmware.state import SAFE
 from plant_sim import bodies, can_bus
 from plant_sim.kernels.instants import STEP_NS
@@ -54,7 +54,7 @@ NEEDED = Kept(
 """What the figures are made from."""
 
 
-def figures(controller: PreparedController, settings: Iterable[Settings]) -> NDArray[np.void]:
+def figures(controller: Controller, settings: Iterable[Run]) -> NDArray[np.void]:
     """Drive each of ``settings`` without and with control; return one row of FIGURES for each.
 
     The figures are those of :func:`canroll.runs.experiment.simulate`. A row depends on its settings
@@ -66,7 +66,7 @@ def figures(controller: PreparedController, settings: Iterable[Settings]) -> NDA
     return np.array([_pair(controller, each) for each in settings], FIGURES)
 
 
-def _pair(controller: PreparedController, settings: Settings) -> tuple[object, ...]:
+def _pair(controller: Controller, settings: Run) -> tuple[object, ...]:
     passive = without_control(settings, controller)
     controlled = drive(settings, controller, enabled=True, kept=NEEDED)
     # several metrics read the same signals
@@ -80,7 +80,7 @@ def _pair(controller: PreparedController, settings: Settings) -> tuple[object, .
     )
 
 
-def without_control(settings: Settings, controller: PreparedController) -> Trace:
+def without_control(settings: Run, controller: Controller) -> Trace:
     """Return the signals that figures need of the run without control, as far as it is driven.
 
     As in a run, the effect of faults is measured against a fault-free vehicle.
@@ -115,7 +115,7 @@ def _lasting(values: NDArray[np.floating[Any]], count: int) -> NDArray[np.float6
     return lasting
 
 
-def _end_ns(settings: Settings, driven_ns: int, duration_ns: int) -> int:
+def _end_ns(settings: Run, driven_ns: int, duration_ns: int) -> int:
     """Return when the run ends whose vehicle is driven for a time: with a tick, or in full."""
     if driven_ns >= duration_ns:
         return duration_ns

@@ -16,8 +16,8 @@ from canroll.extensions.campaign.figures import figures
 from canroll.extensions.campaign.quantities import FAULTS
 from canroll.extensions.campaign.space import Sampling, Space
 from canroll.runs.metrics import METRICS, harm, helps
-from canroll.runs.result import Settings
-from canroll.setup.controller import PreparedController
+from canroll.runs.result import Run
+from canroll.setup.controller import Controller
 
 HELPS, STAYS_HARMLESS = "helps", "harmless"
 NO_HELP, LIMIT_CYCLE, ROLLOVER = "does not help", "limit cycle", "rolls over"
@@ -43,8 +43,8 @@ class CampaignPlan:
         runs: number of draws.
     """
 
-    settings: Settings
-    controller: PreparedController
+    settings: Run
+    controller: Controller
     space: Space
     sampling: Sampling
     runs: int
@@ -78,7 +78,7 @@ class CampaignPlan:
         first = chunk * self.sampling.chunk
         return range(first, min(first + self.sampling.chunk, self.runs))
 
-    def draws(self, chunk: int) -> tuple[Columns, list[Settings]]:
+    def draws(self, chunk: int) -> tuple[Columns, list[Run]]:
         """Return columns with the drawn quantities, and the settings, of a chunk's draws.
 
         ``redrawn`` says how many points were no vehicle before the one that is.
@@ -96,7 +96,7 @@ class CampaignPlan:
         }
         return columns, [settings for _, settings, _ in valid]
 
-    def draw(self, number: int) -> Settings:
+    def draw(self, number: int) -> Run:
         """Return the settings of one draw.
 
         Raises:
@@ -106,9 +106,7 @@ class CampaignPlan:
         point = self.sampling.points(chunk, self.space.size)[row]
         return self._valid(point, number)[1]
 
-    def _valid(
-        self, point: NDArray[np.float64], number: int
-    ) -> tuple[dict[str, Any], Settings, int]:
+    def _valid(self, point: NDArray[np.float64], number: int) -> tuple[dict[str, Any], Run, int]:
         """Return values and settings at the point, or at an independent one, and the tries."""
         others = self.sampling.again(number, self.space.size)
         for tries in range(TRIES + 1):
@@ -120,7 +118,7 @@ class CampaignPlan:
             f"vehicle.… are factors: {{ uniform = [0.9, 1.1] }})"
         )
 
-    def at(self, point: NDArray[np.float64], seed: int) -> tuple[dict[str, Any], Settings]:
+    def at(self, point: NDArray[np.float64], seed: int) -> tuple[dict[str, Any], Run]:
         """Return values and settings at a unit point, with the seed of noise and background."""
         values = self.space.values(point)
         return values, quantities.drawn(self.settings, values, seed=seed)
@@ -158,7 +156,7 @@ def drive_chunk(plan: CampaignPlan, chunk: int) -> Columns:
         raise CanrollError(f"draws {numbers[0]} to {numbers[-1]}: {error}") from None
 
 
-def driven(controller: PreparedController, settings: list[Settings]) -> Columns:
+def driven(controller: Controller, settings: list[Run]) -> Columns:
     """Return the columns of figures and verdicts of draws."""
     metrics = figures(controller, settings)
     columns: Columns = {

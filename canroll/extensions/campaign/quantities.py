@@ -10,7 +10,7 @@ from canroll.extensions.campaign.distributions import Continuous, Distribution, 
 from canroll.extensions.campaign.space import Correlation
 from canroll.runs import conditions
 from canroll.runs.experiment import maneuver_of
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from canroll.studies.variation import ROLL_MODEL, TYRES
 from plant_sim.can_bus import load_profile
 from plant_sim.driving import MANEUVERS, maneuvers
@@ -39,7 +39,7 @@ GIVEN = (
 """Names of quantities: factors on ``speed`` and on the ``vehicle``; all others are the values."""
 
 
-def check(nominal: Settings, name: str, distribution: Distribution, where: str) -> None:
+def check(nominal: Run, name: str, distribution: Distribution, where: str) -> None:
     """Reject a quantity that cannot be drawn from a distribution.
 
     Args:
@@ -68,7 +68,7 @@ def _hint(distribution: Distribution) -> str:
     return ": restrict the distribution with within = [LEAST, MOST]" if unbounded else ""
 
 
-def _check_value(nominal: Settings, name: str, value: Any) -> None:  # noqa: ANN401
+def _check_value(nominal: Run, name: str, value: Any) -> None:  # noqa: ANN401
     if name == FAULTS:
         parse_all(value)
     elif isinstance(value, str) != _is_text(nominal, name):
@@ -89,19 +89,19 @@ def _check_value(nominal: Settings, name: str, value: Any) -> None:  # noqa: ANN
     maneuver_of(replace(settings, vehicle=nominal.vehicle))
 
 
-def _is_text(nominal: Settings, name: str) -> bool:
+def _is_text(nominal: Run, name: str) -> bool:
     group, _, member = name.partition(".")
     return name in WORDS or (group == "option" and isinstance(_option(nominal, member), str))
 
 
-def _option(nominal: Settings, name: str) -> Any:  # noqa: ANN401
+def _option(nominal: Run, name: str) -> Any:  # noqa: ANN401
     known = maneuvers.options(nominal.scenario)
     if name not in known:
         raise UnknownNameError(f"option of {nominal.scenario}", name, known)
     return known[name]
 
 
-def drawn(nominal: Settings, values: Mapping[str, Any], *, seed: int) -> Settings:
+def drawn(nominal: Run, values: Mapping[str, Any], *, seed: int) -> Run:
     """Return the settings with the drawn ``values`` and the ``seed`` of noise and background."""
     changes: dict[str, Any] = {"seed": seed}
     options, actual = dict(nominal.options), dict(nominal.conditions)

@@ -15,7 +15,7 @@ import numpy as np
 from canroll.extensions.certify.delay_curve import lacking
 from gain_gen.analysis.family import Member
 from gain_gen.analysis.held_plant import HeldPlant, opened
-from gain_gen.models.controller import Controller, at_speed, step
+from gain_gen.models.controller import LinearController, at_speed, step
 from gain_gen.models.roll import Matrix, zero_order_hold
 
 VALUES = 5
@@ -41,7 +41,7 @@ class DelaySequence:
 
 
 def closest(
-    member: Member, controller: Controller, delay: tuple[float, float], *, seed: int = 0
+    member: Member, controller: LinearController, delay: tuple[float, float], *, seed: int = 0
 ) -> DelaySequence:
     """Return the sequence of largest growth among those tried."""
     loop = _SwitchedLoop(member, at_speed(controller, member.condition.speed), delay)
@@ -75,7 +75,9 @@ def _in_order(delays: Sequence[float], tick: float) -> bool:
 class _SwitchedLoop:
     """The loop's matrix in a tick, by the instants at which the commands take effect in it."""
 
-    def __init__(self, member: Member, controller: Controller, delay: tuple[float, float]) -> None:
+    def __init__(
+        self, member: Member, controller: LinearController, delay: tuple[float, float]
+    ) -> None:
         car = member.plant
         self.tick = controller.tick
         self._ages = max(ceil(delay[1] / self.tick - 1e-9), 1)
@@ -117,7 +119,12 @@ class _SwitchedLoop:
 
 
 def simulate(
-    member: Member, controller: Controller, delays: Sequence[float], *, roll: float, ticks: int
+    member: Member,
+    controller: LinearController,
+    delays: Sequence[float],
+    *,
+    roll: float,
+    ticks: int,
 ) -> Matrix:
     """Return the roll angle at each tick, rad, under a periodic sequence of delays.
 

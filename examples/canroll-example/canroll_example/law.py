@@ -3,7 +3,7 @@
 import numpy as np
 
 from gain_gen.laws.state_feedback import actuator_rate, feedforward_row, observer_of
-from gain_gen.models.controller import Controller
+from gain_gen.models.controller import LinearController
 from gain_gen.models.task import Solution, Task
 
 DAMPING_RATIO = 0.7
@@ -14,7 +14,7 @@ def skyhook(task: Task) -> Solution:
     roll = task.vehicle.design
     wanted = 2 * DAMPING_RATIO * np.sqrt(roll.effective_stiffness * roll.roll_inertia)
     return Solution(
-        Controller(
+        LinearController(
             tick=task.tick,
             observer=observer_of(task),
             feedback=np.array([0.0, max(wanted - roll.roll_damping, 0.0), 0.0, 0.0, 0.0]),

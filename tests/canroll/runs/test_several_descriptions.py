@@ -14,7 +14,7 @@ from canroll.extensions.campaign import campaign_file
 from canroll.report.run_folder import write_files
 from canroll.report.signal_files import write_signals
 from canroll.runs import experiment, saved_run
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from canroll.setup.bus_frames import check_frames
 from plant_sim.can_bus import load_profile
 
@@ -60,7 +60,7 @@ def test_settings_are_read_as_they_were_written(both, saved):
         name: getattr(both.settings, name)
         for name in ("scenario", "vehicle", "command", "phase", "stage")
     }
-    settings = Settings.of(data, **others)
+    settings = Run.of(data, **others)
     assert settings.dbc == (tuple(saved) if isinstance(saved, list) else saved)
     assert settings.choices()["dbc"] == saved
 

@@ -16,7 +16,7 @@ from gain_gen.laws import LAWS
 from gain_gen.laws.roll_rate_feedback import static_controller
 from gain_gen.laws.state_feedback import actuator_rate, observer_of
 from gain_gen.laws.state_gains import riccati_gain
-from gain_gen.models.controller import Controller
+from gain_gen.models.controller import LinearController
 from gain_gen.models.state_space import StateSpace
 from gain_gen.models.task import Delay, Task
 from plant_sim import bodies
@@ -42,7 +42,7 @@ def predicting(task):
         np.diag([1.0, 0.05, 0.0, 0.0]),
         np.array([[weight]]),
     )[0]
-    return Controller(
+    return LinearController(
         tick=task.tick,
         observer=observer,
         feedback=np.array([*gain[:2], 0.0, 0.0, 0.0]),

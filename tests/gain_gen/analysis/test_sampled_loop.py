@@ -9,7 +9,7 @@ import pytest
 from gain_gen.analysis.margins import largest_delay_from, margins
 from gain_gen.analysis.sampled_loop import build, loop_gain, roll_rms, spectral_radius
 from gain_gen.laws.state_gains import lqr, yim_weights
-from gain_gen.models.controller import Controller, matrices, step
+from gain_gen.models.controller import LinearController, matrices, step
 from gain_gen.models.observer import LateralModel, SensorNoise, kalman, observer_model
 from gain_gen.models.roll import state_matrix
 from vehicles import GRAVITY, load
@@ -26,7 +26,7 @@ def van():
 @pytest.fixture(scope="module")
 def state_controller(van):
     observer = kalman(observer_model(van, TICK, lateral=LateralModel(), noise=SensorNoise()))
-    return Controller(
+    return LinearController(
         tick=TICK,
         observer=observer,
         feedback=np.array([7000.0, 2000.0, 0.0, 0.0, 0.0]),
@@ -37,7 +37,7 @@ def state_controller(van):
 
 
 def rate_controller(observer, gain):
-    return Controller(
+    return LinearController(
         tick=TICK,
         observer=observer,
         feedback=np.zeros(5),
@@ -94,7 +94,7 @@ def test_margins_agree_with_python_control(van):
     """LQR on the van: python-control's stability margins of the same loop transfer function."""
     observer = kalman(observer_model(van, TICK, lateral=LateralModel(), noise=SensorNoise()))
     gain = lqr(van, TICK, yim_weights(van))[0]
-    controller = Controller(TICK, observer, np.append(gain, np.zeros(3)), np.zeros(5))
+    controller = LinearController(TICK, observer, np.append(gain, np.zeros(3)), np.zeros(5))
     loop = build(van, controller, delay=0.02, lag=LAG)
     found = margins(loop)
     system = control.StateSpace(loop.a, loop.b, -loop.c, 0, TICK)

@@ -18,11 +18,11 @@ from canroll.extensions.campaign.attacks.kinds import NONE, START_NS, Attack, at
 from canroll.reaction import reaction
 from canroll.runs.experiment import drive, plan, tick_offset_ns, world_options
 from canroll.runs.metrics import peak
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from canroll.runs.trace import Trace
 from canroll.runs.virtual_time import closed_loop
 from canroll.setup.choices import PASSIVE
-from canroll.setup.controller import PreparedController
+from canroll.setup.controller import Controller
 from codegen.run.backends import Backend, open_backend
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.ecu_traffic import Frame, Payload
@@ -139,7 +139,7 @@ class AttackOutcome:
 class Suite:
     """All attacks on one loop, the first one none; ``authenticated``: the frames of its bus are."""
 
-    settings: Settings
+    settings: Run
     authenticated: bool
     passive_roll_deg: float
     outcomes: tuple[AttackOutcome, ...]
@@ -214,7 +214,7 @@ def run(
     return Suite(settings, settings.firmware.bus.secured, roll, tuple(outcomes))
 
 
-def attacked(loop: tuple[Settings, PreparedController, Trace], number: int | None) -> AttackOutcome:
+def attacked(loop: tuple[Run, Controller, Trace], number: int | None) -> AttackOutcome:
     """Drive the attack of a number, or none.
 
     ``loop``: settings, controller, and the run without control.
@@ -225,7 +225,7 @@ def attacked(loop: tuple[Settings, PreparedController, Trace], number: int | Non
     return outcome(settings, controller, passive, attack)
 
 
-def _driven(settings: Settings, controller: PreparedController, attack: Attack) -> AttackRun:
+def _driven(settings: Run, controller: Controller, attack: Attack) -> AttackRun:
     world = AttackedWorld(**world_options(settings, enabled=True))
     world.attack(attack.forge, START_NS, seed=settings.seed)
     inner = open_backend(
@@ -243,8 +243,8 @@ def _driven(settings: Settings, controller: PreparedController, attack: Attack) 
 
 
 def outcome(
-    settings: Settings,
-    controller: PreparedController,
+    settings: Run,
+    controller: Controller,
     passive: Trace,
     attack: Attack,
 ) -> AttackOutcome:

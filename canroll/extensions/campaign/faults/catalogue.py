@@ -8,7 +8,7 @@ from typing import Any
 from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
 from canroll.reaction.fault_codes import MODES
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from plant_sim.faults import kinds, parse
 from plant_sim.nodes.actuators import command_signals
 
@@ -47,7 +47,7 @@ GROUPS = {
 }
 
 
-def entries(settings: Settings, path: Path = CATALOGUE) -> tuple[CatalogueEntry, ...]:
+def entries(settings: Run, path: Path = CATALOGUE) -> tuple[CatalogueEntry, ...]:
     """Return the entries of a catalogue for the actuators of ``settings``.
 
     Raises:
@@ -70,7 +70,7 @@ def entries(settings: Settings, path: Path = CATALOGUE) -> tuple[CatalogueEntry,
     )
 
 
-def placeholders(settings: Settings) -> dict[str, str]:
+def placeholders(settings: Run) -> dict[str, str]:
     """Return what stands for the command and the limits of the actuators of ``settings``."""
     values = command_signals(settings.command)
     actuators = settings.vehicle.actuators

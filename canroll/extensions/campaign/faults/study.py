@@ -30,10 +30,10 @@ from canroll.reaction.reaction import Reaction
 from canroll.reaction.visibility import Visibility, visibility
 from canroll.runs.experiment import delay_of, drive, plan
 from canroll.runs.metrics import peak
-from canroll.runs.result import Settings
+from canroll.runs.result import Run
 from canroll.runs.trace import Trace
 from canroll.setup.choices import PASSIVE
-from canroll.setup.controller import PreparedController
+from canroll.setup.controller import Controller
 from gain_gen.models.task import Task
 from gain_gen.monitors.bank import Bank
 from gain_gen.monitors.detectability import bank_of_calibration
@@ -159,7 +159,7 @@ class Coverage:
 class FaultStudy:
     """All judged faults, with the run without any."""
 
-    settings: Settings
+    settings: Run
     reference: Reaction
     faults: tuple[JudgedFault, ...]
 
@@ -256,14 +256,14 @@ def _coverage(group: str, faults: Sequence[JudgedFault]) -> Coverage:
 class StudiedLoop:
     """What the faults act on, with its runs without any: without and with control."""
 
-    settings: Settings
-    controller: PreparedController
+    settings: Run
+    controller: Controller
     passive: Trace
     healthy: Trace
     bank: Bank | None
 
 
-def residuals_of(settings: Settings, controller: PreparedController) -> Bank | None:
+def residuals_of(settings: Run, controller: Controller) -> Bank | None:
     """Return the residuals of a controller; None where a run does not say all that they need."""
     if bus_map(settings.profile) is not None or settings.plant != "nonlinear":
         return None
