@@ -264,6 +264,8 @@ def _root(function: Callable[[Vector], Vector], start: Vector) -> Vector | None:
         widths = DIFFERENCE * np.maximum(np.abs(values), 1.0)
         widths[-1] = FORCE_DIFFERENCE
         slopes = _slopes(function, values, widths, range(values.size))
+        if not np.isfinite(slopes).all():
+            return None
         values = values - _solve(slopes, rest)
     return None
 

@@ -7,6 +7,7 @@ third-party programs, not for judging time. ``canroll ecu`` is the ECU in real t
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 
 import can
 
@@ -68,14 +69,12 @@ def ecu_on_bus(
     Raises:
         can.CanError, OSError: no such bus.
     """
-    ours = can.Bus(channel, interface=interface, bitrate=500_000, queue="priority")
-    theirs = can.Bus(channel, interface=interface, bitrate=500_000)
-    thread = EcuOnBus(ours, calibration, services)
-    thread.start()
-    try:
-        yield theirs
-    finally:
-        thread.done.set()
-        thread.join()
-        ours.shutdown()
-        theirs.shutdown()
+    bus = partial(can.Bus, channel, interface=interface, bitrate=500_000)
+    with bus(queue="priority") as ours, bus() as theirs:
+        thread = EcuOnBus(ours, calibration, services)
+        thread.start()
+        try:
+            yield theirs
+        finally:
+            thread.done.set()
+            thread.join()

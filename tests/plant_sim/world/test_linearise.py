@@ -221,15 +221,20 @@ def test_modes_are_named_by_what_moves():
     assert bars.count("bar") == 4
 
 
-def test_too_fast_a_curve_is_refused():
-    with pytest.raises(CanrollError, match="no steady curve of 12 m/s² on four wheels"):
+@pytest.mark.parametrize(
+    ("body", "speed_kmh", "lateral_acceleration"),
+    [("nonlinear", 80, 12), ("linear_car", 80, 12), ("nonlinear", 100, 9)],
+)
+def test_too_fast_a_curve_is_refused(body, speed_kmh, lateral_acceleration):
+    refusal = f"no steady curve of {lateral_acceleration} m/s² on four wheels"
+    with pytest.raises(CanrollError, match=refusal):
         linearise.find_trim(
-            VAN, bodies.body("nonlinear"), speed=80 / 3.6, lateral_acceleration=12.0
+            VAN,
+            bodies.body(body),
+            speed=speed_kmh / 3.6,
+            lateral_acceleration=float(lateral_acceleration),
         )
-    with pytest.raises(CanrollError, match="four wheels"):
-        linearise.find_trim(
-            VAN, bodies.body("linear_car"), speed=80 / 3.6, lateral_acceleration=12.0
-        )
+
 
 
 @cfunc(STEP_SIGNATURE)
