@@ -236,7 +236,6 @@ def test_too_fast_a_curve_is_refused(body, speed_kmh, lateral_acceleration):
         )
 
 
-
 @cfunc(STEP_SIGNATURE)
 def _repeat(state, inputs, parameters, outputs, dt):
     outputs[ports.ROLL] = state[0]
