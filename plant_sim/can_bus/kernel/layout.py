@@ -68,12 +68,6 @@ REFUSE: Final = 5
 NODE_MUTE: Final = 6
 BIT_ERRORS: Final = 7
 
-# distributions of a gateway's latency and of a node's jitter
-FIXED: Final = 0
-UNIFORM: Final = 1
-EXPONENTIAL: Final = 2
-SAMPLED: Final = 3
-
 # slots of Network.clock
 NOW: Final = 0
 SEQUENCE: Final = 1

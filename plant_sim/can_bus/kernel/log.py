@@ -30,15 +30,13 @@ SEGMENT: Final = np.dtype(
     ]
 )
 _DRAWN: Final = [
-    ("distribution", "i8"),
     ("low_ns", "i8"),
     ("high_ns", "i8"),
-    ("mean_ns", "f8"),
     ("first_sample", "i8"),
     ("samples", "i8"),
     ("drawn", "i8"),
 ]
-"""A time drawn for every frame, and the number of draws."""
+"""A time drawn for every frame, of so many samples if there are any, and the number of draws."""
 NODE: Final = np.dtype(
     [
         *_DRAWN,

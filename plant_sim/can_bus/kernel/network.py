@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.buses.topology import PUNCTUAL, TimeSpread
+from plant_sim.buses.topology import BITRATES, DATA_BITRATE_MAX, PUNCTUAL, TimeSpread
 from plant_sim.can_bus.kernel import layout
 from plant_sim.can_bus.kernel.layout import Network, Records
 from plant_sim.can_bus.kernel.sources import start_source
@@ -15,12 +15,6 @@ from plant_sim.can_bus.wire.frame import EXTENDED, FD, arbitration_key
 from plant_sim.kernels.instants import NEVER
 
 POLICIES: Final = {"priority": layout.PRIORITY, "fifo": layout.FIFO, "replace": layout.REPLACE}
-DISTRIBUTIONS: Final = {
-    "fixed": layout.FIXED,
-    "uniform": layout.UNIFORM,
-    "exponential": layout.EXPONENTIAL,
-    "sampled": layout.SAMPLED,
-}
 FAULTS: Final = {
     "node_down": layout.NODE_DOWN,
     "node_delay": layout.NODE_DELAY,
@@ -32,9 +26,6 @@ FAULTS: Final = {
     "bit_errors": layout.BIT_ERRORS,
 }
 MAX_CAPACITY: Final = layout.MAX_FRAMES
-MAX_BITRATE: Final = 1_000_000
-MAX_DATA_BITRATE: Final = 8_000_000
-"""Of arbitration and of the data of FD frames, bit/s (ISO 11898-1 and -2)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,20 +82,14 @@ class Source:
 class Gateway:
     """Store and forward from one node's segment to another node, with latency, order kept.
 
-    ``distribution``: ``fixed`` (``low_ns``), ``uniform`` (low to high) or ``exponential``
-    (low + Exp(mean), truncated at high), or ``sampled``: one of ``samples_ns``, which lie in
-    between. ``idents``: identifiers and flags that it forwards, None: all. Frames are queued on the
-    far side in the order of their reception, whatever latency is drawn.
+    ``idents``: identifiers and flags that it forwards, None: all. Frames are queued on the far side
+    in the order of their reception, whatever latency is drawn.
     """
 
     from_node: str
     to_node: str
-    low_ns: int
-    high_ns: int = 0
-    distribution: str = "fixed"
-    mean_ns: float = 0.0
+    latency: TimeSpread
     idents: tuple[tuple[int, int], ...] | None = None
-    samples_ns: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,11 +175,11 @@ def check_rates(bitrate: int, data_bitrate: int) -> None:
     """Reject invalid bit rates; a ``data_bitrate`` of 0 means none."""
     if bitrate <= 0:
         raise CanrollError(f"the bit rate must be positive, got {bitrate} bit/s")
-    if bitrate > MAX_BITRATE:
-        raise CanrollError(f"the bit rate must be at most {MAX_BITRATE} bit/s, got {bitrate}")
-    if data_bitrate > MAX_DATA_BITRATE:
+    if bitrate > BITRATES[1]:
+        raise CanrollError(f"the bit rate must be at most {BITRATES[1]} bit/s, got {bitrate}")
+    if data_bitrate > DATA_BITRATE_MAX:
         raise CanrollError(
-            f"the data bit rate must be at most {MAX_DATA_BITRATE} bit/s, got {data_bitrate}"
+            f"the data bit rate must be at most {DATA_BITRATE_MAX} bit/s, got {data_bitrate}"
         )
     if data_bitrate and data_bitrate < bitrate:
         raise CanrollError(
@@ -218,7 +203,7 @@ def build_network(spec: NetworkSpec) -> Network:
 
     Raises:
         CanrollError: impossible bit rates, identifiers, lengths or periods.
-        UnknownNameError: a node, policy, distribution or fault that does not exist.
+        UnknownNameError: a node, policy or fault that does not exist.
     """
     _check(spec)
     network = layout.empty(log=spec.log_capacity, seed=spec.seed)
@@ -294,10 +279,6 @@ def _draw_from(network: Network, record: Records, spread: TimeSpread) -> None:
     network.clock[layout.SAMPLES] = first + count
     record["low_ns"], record["high_ns"] = spread.low_ns, spread.high_ns
     record["first_sample"], record["samples"] = first, count
-    varies = spread.low_ns < spread.high_ns
-    record["distribution"] = DISTRIBUTIONS["uniform" if varies else "fixed"]
-    if count:
-        record["distribution"] = layout.SAMPLED
 
 
 def _add_gateways(network: Network, spec: NetworkSpec, names: Sequence[str]) -> None:
@@ -305,10 +286,7 @@ def _add_gateways(network: Network, spec: NetworkSpec, names: Sequence[str]) -> 
         record = network.part("gateways")[i : i + 1]
         record["from_node"] = _number(names, gateway.from_node)
         record["to_node"] = _number(names, gateway.to_node)
-        high = max(gateway.high_ns, gateway.low_ns)
-        _draw_from(network, record, TimeSpread(gateway.low_ns, high, gateway.samples_ns))
-        record["distribution"] = _code("latency distribution", DISTRIBUTIONS, gateway.distribution)
-        record["mean_ns"] = gateway.mean_ns
+        _draw_from(network, record, gateway.latency)
         record["routes"] = -1 if gateway.idents is None else len(gateway.idents)
         for j, (ident, flags) in enumerate(gateway.idents or ()):
             network.part("routes")[i, j] = arbitration_key(ident, flags)

@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 from plant_sim.can_bus.kernel.calendar import push, schedule
 from plant_sim.can_bus.kernel.layout import (
     BUS_OFF,
-    EXPONENTIAL,
     FAULT_COUNT,
     FIFO,
-    FIXED,
     FREE_FRAME,
     GATEWAY_COUNT,
     GATEWAY_DOWN,
@@ -30,10 +28,8 @@ from plant_sim.can_bus.kernel.layout import (
     NOW,
     OFFERED,
     REPLACE,
-    SAMPLED,
     SEED,
     SUPERSEDED,
-    UNIFORM,
     Network,
     State,
 )
@@ -290,19 +286,12 @@ def offer(bus: State, number: int) -> None:
 
 @njit
 def draw(bus: State, of: Drawn, stream: int) -> int:
-    """Return the next time (ns) of the distribution in a record; ``stream`` is its own."""
-    time = of.low_ns
-    if of.distribution == FIXED:
-        return int(time)
+    """Return the next time (ns) of the spread in a record; ``stream`` is its own."""
+    spread = of.high_ns - of.low_ns
+    if spread == 0:
+        return int(of.low_ns)
     share = uniform(bus.clock[SEED], stream, of.drawn)
     of.drawn += 1
-    spread = of.high_ns - of.low_ns
-    if of.distribution == UNIFORM:
-        time += np.int64(share * (spread + 1))
-    elif of.distribution == EXPONENTIAL:
-        # truncated at high_ns by inversion of the distribution function
-        kept = -np.expm1(-spread / of.mean_ns)
-        time += np.int64(-of.mean_ns * np.log1p(-share * kept))
-    elif of.distribution == SAMPLED:
-        time = bus.samples[of.first_sample + np.int64(share * of.samples)]
-    return int(time)
+    if of.samples > 0:
+        return int(bus.samples[of.first_sample + np.int64(share * of.samples)])
+    return int(of.low_ns + np.int64(share * (spread + 1)))

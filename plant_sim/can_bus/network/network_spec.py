@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-from plant_sim.buses.topology import TimeSpread
 from plant_sim.can_bus.kernel.network import (
     MAX_CAPACITY,
     Gateway,
@@ -11,7 +10,6 @@ from plant_sim.can_bus.kernel.network import (
     Segment,
 )
 from plant_sim.can_bus.network.routing import Hop, RoutedMessage, RoutedNetwork
-from plant_sim.can_bus.traffic.messages import BusMessage
 
 
 def network_spec(
@@ -49,8 +47,8 @@ def network_spec(
         every += [Node(port, segment, "priority") for segment, port in ports.items()]
         for source, target in (gateway.segments, gateway.segments[::-1]):
             hop = Hop(number, source, target)
-            passed = [r.message for r in routed if hop in r.hops]
-            gateways.append(_one_way(gateway.latency, ports[source], ports[target], passed))
+            passed = tuple((r.message.ident, r.message.flags) for r in routed if hop in r.hops)
+            gateways.append(Gateway(ports[source], ports[target], gateway.latency, passed))
     return NetworkSpec(
         segments=tuple(
             Segment(place.bitrate, place.data_bitrate, bit_error_rate=place.bit_error_rate)
@@ -60,22 +58,4 @@ def network_spec(
         sources=tuple(r.message.source() for r in sent),
         gateways=tuple(gateways),
         seed=seed,
-    )
-
-
-def _one_way(
-    latency: TimeSpread, source: str, target: str, passed: Sequence[BusMessage]
-) -> Gateway:
-    """One direction of a gateway, from node to node."""
-    distribution = "sampled" if latency.samples_ns else "uniform"
-    if latency.low_ns == latency.high_ns:
-        distribution = "fixed"
-    return Gateway(
-        source,
-        target,
-        latency.low_ns,
-        latency.high_ns,
-        distribution,
-        idents=tuple((message.ident, message.flags) for message in passed),
-        samples_ns=latency.samples_ns,
     )

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
+from plant_sim.buses.topology import TimeSpread
 from plant_sim.can_bus import (
     DELIVERED,
     ERROR,
@@ -389,7 +390,7 @@ def test_a_gateway_forwards_what_it_has_taken_and_not_what_it_refused():
             NetworkSpec(
                 (Segment(500_000), Segment(500_000)),
                 (Node("a"), Node("b"), Node("g"), Node("h", 1), Node("z", 1)),
-                gateways=(Gateway("g", "h", 1 * MS),),
+                gateways=(Gateway("g", "h", TimeSpread(1 * MS, 1 * MS)),),
                 faults=(BusFault("refuse", receiver, count=1),),
             )
         )

@@ -200,9 +200,7 @@ def responses(topology, routed, *, seed):
 
 def test_the_built_in_gateways_are_as_before():
     spec = profile_spec(load_profile("gateway_20ms"), seed=4)
-    assert [(g.low_ns, g.high_ns, g.distribution) for g in spec.gateways] == [
-        (5 * MS, 10 * MS, "uniform")
-    ] * 2
+    assert [g.latency for g in spec.gateways] == [TimeSpread(5 * MS, 10 * MS)] * 2
     there = {m.name: m.ident for m in own_messages()}
     assert (there["Imu"], 0) in spec.gateways[1].idents
     assert (there["SuspensionForceCommand"], 0) in spec.gateways[0].idents
