@@ -3,7 +3,6 @@
 import control
 import numpy as np
 import pytest
-from scipy.linalg import expm
 from scipy.signal import cont2discrete
 
 from gain_gen.laws.state_gains import (
@@ -57,14 +56,6 @@ def test_hold_of_nothing_is_identity(van):
     phi, gamma = zero_order_hold(state_matrix(van), moment_input(van), 0.0)
     np.testing.assert_array_equal(phi, np.eye(2))
     np.testing.assert_array_equal(gamma, np.zeros((2, 1)))
-
-
-def test_printed_discretisation_shifts_the_frequency(suv):
-    """The 2020 paper's (6) lowers the natural frequency by about 4 %."""
-    a = state_matrix(suv)
-    phi = np.eye(2) + TICK * a @ expm(TICK * a)
-    roots = np.log(np.linalg.eigvals(phi).astype(complex)) / TICK
-    assert abs(roots[0]) / suv.natural_frequency == pytest.approx(0.96, abs=0.02)
 
 
 def test_normalised_plant_has_the_same_poles_in_its_own_time(van):

@@ -89,14 +89,6 @@ def test_data_sheet_cars_of_the_papers_are_near_their_plants(name):
     assert distance(found, expected)[:3].max() < 0.02
 
 
-def test_one_degree_of_freedom_errs_where_the_loop_needs_the_model(van):
-    expected = plant_response(van, 80 * KMH)[:, 0, 0]
-    design = van.design
-    s = 1j * FREQUENCIES
-    polynomial = design.roll_inertia * s**2 + design.roll_damping * s + design.effective_stiffness
-    assert distance(s / polynomial, expected) > 0.5
-
-
 def test_a_steady_curve_softens_the_tyres_as_the_plants_own_tyre_does(van):
     acceleration, friction = 5.0, 0.9
     front, _ = steady_curve(van, acceleration, friction)

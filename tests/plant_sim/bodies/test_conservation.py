@@ -164,14 +164,6 @@ def test_kinetic_energy_changes_by_the_power_of_all_forces(balance):
 
 
 @on_every_road
-def test_wheel_loads_carry_weight_and_normal_acceleration(balance):
-    total = balance.vehicle.total_mass
-    normal = balance.inertial(lambda b: b.momentum())[2] / total
-    loads = balance.results[car.R_LOAD : car.R_LOAD + 4].sum()
-    close(loads, total * (G * balance.bodies.up[2] + normal), total * G)
-
-
-@on_every_road
 def test_what_an_axle_exerts_on_the_body_is_the_suspension_force(balance):
     """Along the slide and about the roll centre, where the joint is free, nothing else acts."""
     for axle in range(2):

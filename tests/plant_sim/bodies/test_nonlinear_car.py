@@ -85,21 +85,6 @@ def test_all_plants_share_one_roll_gradient(name):
     assert steady_roll(vehicle, stiffness)[0] == pytest.approx(gradient, rel=1e-9)
 
 
-def test_loads_balance_the_overturning_moment_in_a_steady_turn():
-    vehicle = vehicles.load("van_real")
-    car = Car(vehicle, 20.0, STEER=0.02)
-    outputs = car.run(10.0, hold_speed=20.0)
-    loads = outputs[ports.WHEEL_LOAD : ports.WHEEL_LOAD + 4]
-    tracks = vehicle.geometry.half_track_front, vehicle.geometry.half_track_rear
-    moment = tracks[0] * (loads[1] - loads[0]) + tracks[1] * (loads[3] - loads[2])
-    lean = vehicle.plant.roll_arm * vehicles.GRAVITY * outputs[ports.ROLL]
-    overturning = vehicle.total_mass * vehicle.cg_height * outputs[ports.AY] + lean
-    # four spinning wheels turn with the car
-    overturning += 4 * vehicle.tyre.wheel_inertia / vehicle.tyre.radius * outputs[ports.AY]
-    assert moment == pytest.approx(overturning, rel=0.015)
-    assert loads.sum() == pytest.approx(vehicle.total_mass * vehicles.GRAVITY, rel=1e-5)
-
-
 def test_mirrored_steering_gives_the_mirrored_run():
     vehicle = vehicles.load("suv_2020")
     left = Car(vehicle, 22.0, STEER=0.05).run(2.0)
@@ -191,33 +176,6 @@ def test_a_low_car_slides_instead():
     outputs = Car(low, 27.0, STEER=0.12, FRICTION=0.6).run(3.0)
     assert outputs[ports.ROLLOVER] == 0.0
     assert abs(outputs[ports.AY]) < 0.62 * vehicles.GRAVITY
-
-
-def test_actuators_push_on_the_body_and_back_on_the_wheels():
-    vehicle = vehicles.load("van_real")
-    free = Car(vehicle, 10.0).run(3.0, hold_speed=10.0).copy()
-    lifted = Car(vehicle, 10.0, CORNER_FORCE=800.0).run(3.0, hold_speed=10.0)
-    assert lifted[ports.ROLL] > 1e-3
-    assert lifted[ports.WHEEL_LOAD : ports.WHEEL_LOAD + 4].sum() == pytest.approx(
-        free[ports.WHEEL_LOAD : ports.WHEEL_LOAD + 4].sum(), rel=1e-6
-    )
-    barred = Car(vehicle, 10.0, BAR_MOMENT_REAR=800.0).run(3.0, hold_speed=10.0)
-    assert barred[ports.ROLL] > 1e-3
-
-
-def test_bank_leans_the_car_downhill():
-    outputs = Car(vehicles.load("van_real"), 15.0, BANK=0.06).run(0.5, hold_speed=15.0)
-    assert outputs[ports.ROLL] > 0 and outputs[ports.Y] < 0
-
-
-def test_brakes_stop_the_car_nose_down():
-    car = Car(vehicles.load("van_real"), 20.0)
-    car.inputs[ports.BRAKE_FORCE : ports.BRAKE_FORCE + 4] = [4000.0, 4000.0, 2500.0, 2500.0]
-    outputs = car.run(1.0)
-    assert outputs[ports.AX] == pytest.approx(-13000.0 / 2720.0, rel=0.03)
-    assert outputs[ports.PITCH] > 0
-    front = outputs[ports.WHEEL_LOAD] + outputs[ports.WHEEL_LOAD + 1]
-    assert front > 2720 * 9.81 * 1.91 / 3.66
 
 
 def test_a_car_that_slid_to_a_stop_comes_to_rest():

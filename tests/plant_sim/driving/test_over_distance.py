@@ -214,17 +214,6 @@ def test_a_road_that_is_none_is_refused_with_its_fault(tmp_path, header, rows, w
         maneuvers.build("slalom", VAN, road=road_of(tmp_path, header, *rows))
 
 
-def test_what_a_linear_plant_does_not_have_is_refused():
-    for name, words in (
-        ("crosswind", "wind"),
-        ("split_friction", "friction over distance"),
-        ("power_off_in_curve", "pedals"),
-    ):
-        for plant in ("roll1", "linear_car", "linear_car_hydraulic"):
-            with pytest.raises(CanrollError, match=words):
-                run(name, body=bodies.body(plant))
-
-
 def test_a_bump_is_half_a_sine_under_either_side_or_both():
     one = {"count": 1, "height": 0.04, "length": 1.0, "shape": "half_sine"}
     left, right, both = (

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import dbc
@@ -64,6 +64,8 @@ def test_encode_and_decode_agree_with_cantools(case):
 
 
 @settings(deadline=None)
+@example(163.828, "RollRate")
+@example(-163.828, "RollRate")
 @given(st.floats(-1e4, 1e4), st.sampled_from(["RollRate", "LateralAcceleration", "YawRate"]))
 def test_rounds_to_nearest_and_clips_to_the_range_of_the_dbc(value, name):
     signal = dbc.load().get_message_by_name("Imu").get_signal_by_name(name)
@@ -72,15 +74,6 @@ def test_rounds_to_nearest_and_clips_to_the_range_of_the_dbc(value, name):
     kept = min(max(value, signal.minimum), signal.maximum)
     assert abs(raw * signal.scale - kept) <= signal.scale / 2 * (1 + 1e-9)
     assert codec.valid(TABLES, row, raw)
-
-
-@pytest.mark.parametrize("steps", [0.4, 0.6, 1.0, 1e6])
-def test_what_is_out_of_range_never_becomes_an_error_code(steps):
-    signal = dbc.load().get_message_by_name("Imu").get_signal_by_name("RollRate")
-    row = codec_tables.signal_index("Imu", "RollRate")
-    top = int(TABLES.field[row]["raw_max"])
-    assert codec.raw_value(TABLES, row, signal.maximum + steps * signal.scale) == top
-    assert codec.raw_value(TABLES, row, signal.minimum - steps * signal.scale) == -top
 
 
 def test_not_a_number_is_sent_as_the_error_code():

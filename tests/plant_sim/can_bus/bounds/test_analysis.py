@@ -89,28 +89,6 @@ def test_offsets_keep_the_messages_of_a_node_apart_by_hand():
     assert bound.bound_ns == 3 * 270_000
 
 
-def test_simulated_fifo_queues_keep_to_their_bounds():
-    rng = np.random.default_rng(11)
-    bounded = 0
-    for number in range(120):
-        messages, bitrate = random_set(rng)
-        nodes = int(rng.integers(1, 4))
-        messages = [
-            replace(m, sender=f"n{i % nodes}", fifo=i % nodes == 0, ident=m.ident)
-            for i, m in enumerate(messages)
-        ]
-        bounds = response_bounds(messages, bitrate=bitrate)
-        seen = simulated_responses(
-            messages, bitrate=bitrate, duration_s=0.3, seed=number, worst_case_lengths=True
-        )
-        for bound in bounds:
-            responses = seen[bound.message.name]
-            if bound.bound_ns is not None and len(responses):
-                assert responses.max() <= bound.queued_ns <= bound.bound_ns
-                bounded += 1
-    assert bounded > 300
-
-
 def test_simulated_offsets_keep_to_their_bounds_and_these_to_the_plain_ones():
     rng = np.random.default_rng(12)
     tighter = 0

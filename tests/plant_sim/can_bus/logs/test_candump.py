@@ -1,7 +1,5 @@
 """What candump writes and prints, with and without its options."""
 
-import gzip
-
 import pytest
 
 from canroll.errors import CanrollError
@@ -119,15 +117,6 @@ def test_many_such_frames_are_one_remark(tmp_path):
 def test_what_cannot_be_read_is_named_by_its_line(tmp_path, line, words):
     with pytest.raises(CanrollError, match=rf"log\.log: not a readable bus log: {words}"):
         read(tmp_path, LOGGED, line)
-
-
-def test_a_packed_log_is_read_and_a_damaged_one_is_named(tmp_path):
-    path = tmp_path / "log.log.gz"
-    path.write_bytes(gzip.compress(b"".join(b"(%d.0) can0 0A0#11\n" % k for k in range(100))))
-    assert len(read_log(path)["can0"].ident) == 100
-    path.write_bytes(path.read_bytes()[:-20])
-    with pytest.raises(CanrollError, match="damaged, or not packed by gzip"):
-        read_log(path)
 
 
 def test_what_candump_says_of_its_own_console_is_no_frame(tmp_path):

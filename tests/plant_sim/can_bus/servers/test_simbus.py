@@ -372,17 +372,6 @@ def test_wall_clock_time_wakes_a_waiting_reader(buses):
     assert stamps == sorted(stamps)
 
 
-def test_a_notifier_serves_listeners(buses):
-    one, two = buses(), buses()
-    done = threading.Event()
-    reader = can.BufferedReader()
-    notifier = can.Notifier(two, [reader, lambda _: done.set()], timeout=0.1)
-    one.send(frame(0x42))
-    assert done.wait(600.0)
-    notifier.stop()
-    assert reader.get_message(1.0).arbitration_id == 0x42
-
-
 def test_nodes_come_and_go(buses):
     one = buses(virtual_time=True)
     for _ in range(300):

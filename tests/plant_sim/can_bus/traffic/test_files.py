@@ -267,13 +267,6 @@ def test_the_table_names_every_message(capsys):
     assert "sample-to-force age" in text
 
 
-def test_the_table_says_why_a_bound_is_missing(tmp_path, capsys):
-    text = COUNTER_EXAMPLE.replace("2.5", "1.5")
-    assert run(write(tmp_path, text), "--simulate", 0) == 1
-    out = " ".join(capsys.readouterr().out.split())
-    assert "without a bound, bus overloaded at this priority: C" in out
-
-
 def test_the_command_refuses_nonsense(tmp_path):
     with pytest.raises(CanrollError, match="--simulate"):
         run(dbc.PATH, "--simulate", -1)

@@ -96,21 +96,6 @@ def test_time_starts_with_the_log_whatever_is_left_out(tmp_path):
     assert (rest.t_ns == whole.t_ns[whole.ident != 0x100]).all()
 
 
-def test_unreadable_logs_are_refused(tmp_path):
-    (tmp_path / "a.blf").write_bytes(b"nonsense")
-    (tmp_path / "b.log").write_text("")
-    for name, word in (
-        ("a.blf", "not a readable"),
-        ("b.log", "no frame"),
-        ("c.asc", "no such file"),
-    ):
-        with pytest.raises(CanrollError, match=word):
-            load_recording(tmp_path / name, bitrate=500_000)
-    (tmp_path / "d.txt").write_text("x")
-    with pytest.raises(CanrollError, match="a bus log ends in"):
-        load_recording(tmp_path / "d.txt", bitrate=500_000)
-
-
 @pytest.mark.parametrize("level", [logging.NOTSET, logging.CRITICAL])
 def test_a_log_of_which_frames_would_be_passed_over_is_refused(tmp_path, capfd, caplog, level):
     # who opens a bus lets python-can log no more than what is critical
