@@ -13,7 +13,6 @@ Q14 = 2**14
 SIDES = np.array([1, -1, 1, -1])
 moments = st.floats(-12000.0, 12000.0)
 shares = st.floats(0.0, 1.0)
-tracks = st.floats(1.0, 2.0)
 limits = st.lists(st.floats(0.0, 4000.0), min_size=4, max_size=4)
 
 
@@ -49,18 +48,6 @@ def axle_moments(force: np.ndarray, tracks=(1.638, 1.638)) -> np.ndarray:
     return (force * SIDES * half).reshape(2, 2).sum(axis=1)
 
 
-@given(moments, shares, tracks, tracks)
-def test_what_is_asked_is_given_while_nothing_clips(moment, share, front, rear):
-    cal = suspension(share, [4000.0] * 4, tracks=(front, rear))
-    force = forces(cal, moment)
-    wanted = np.array([share, 1 - share]) * moment
-    if np.any(np.abs(wanted) > 7990.0 * np.array([front, rear]) / 2):
-        return
-    np.testing.assert_allclose(axle_moments(force, (front, rear)), wanted, atol=0.02)
-    # a couple on each axle: neither lifts nor lowers the body
-    np.testing.assert_allclose(force[[0, 2]], -force[[1, 3]], atol=0.01)
-
-
 @given(moments, shares, limits, st.sets(st.integers(0, 3)), st.floats(0.0, 1.0))
 def test_limits_hold_and_nothing_is_given_beyond_the_wish(moment, share, limit, failed, slack):
     cal = suspension(share, limit, slack)
@@ -87,17 +74,6 @@ def test_the_other_corner_of_the_axle_takes_over_first():
     np.testing.assert_allclose(axle_moments(force), [1000.0, 1000.0], atol=0.02)
     assert force[0] == 0
     assert force[1] == pytest.approx(-1000.0 / 0.819, abs=0.01)
-
-
-def test_the_other_axle_takes_over_within_the_slack():
-    cal = suspension(0.5, [500.0, 500.0, 4000.0, 4000.0], slack=0.1)
-    given = axle_moments(forces(cal, 2000.0))
-    np.testing.assert_allclose(given, [819.0, 1000.0 + 181.0], atol=0.05)
-    given = axle_moments(forces(cal, 4000.0))
-    np.testing.assert_allclose(given, [819.0, 2000.0 + 400.0], atol=0.05)
-    mirrored = suspension(0.5, [4000.0, 4000.0, 500.0, 500.0], slack=0.1)
-    given = axle_moments(forces(mirrored, -4000.0))
-    np.testing.assert_allclose(given, [-2400.0, -819.0], atol=0.05)
 
 
 def bars(cal, moment, outputs=None, failed=()):
@@ -137,10 +113,11 @@ def test_a_law_with_two_outputs_drives_each_bar_itself():
     np.testing.assert_allclose(bars(cal, 200.0, (700.0, -500.0)), [600.0, -480.0], atol=0.01)
 
 
-@pytest.mark.parametrize("failed", [[0], [1], [0, 1]])
+@pytest.mark.parametrize("failed", [[0], [1], [0, 1], [2], [3], [2, 3]])
 def test_a_failed_bar_gives_nothing_and_the_other_a_little_more(failed):
     cal = rig.calibration(actuator=fw.BARS, schedule_front_share=[1 << 29] * 8)
-    np.testing.assert_allclose(bars(cal, 1000.0, failed=failed), [0.0, 600.0], atol=0.01)
+    given = [600.0, 0.0] if failed[0] // 2 else [0.0, 600.0]
+    np.testing.assert_allclose(bars(cal, 1000.0, failed=failed), given, atol=0.01)
 
 
 # soft and firm curves: knee speed, force there, slope beyond
@@ -186,37 +163,17 @@ def test_dampers_give_what_their_direction_lets_them(moment, rates, share):
     assert np.all(delivered * rates <= 1e-9)
 
 
-def test_a_failed_dampers_neighbour_is_asked_for_both():
-    rates = [0.5, -0.5, 0.5, -0.5]
-    both, one = currents(-6000.0, rates), currents(-6000.0, rates, failed=[0])
-    twice = currents(-12000.0, rates)
-    assert one[1] == pytest.approx(twice[1], abs=0.01)
-    assert one[1] > both[1]
-    np.testing.assert_allclose(one[2:], both[2:])
-
-
-def test_valves_take_the_laws_currents():
+@pytest.mark.parametrize("corner", range(4))
+def test_valves_take_the_laws_currents_and_a_failed_corner_closes_that_of_its_axle(corner):
     cal = rig.calibration(actuator=fw.VALVES, law=fw.COMPENSATOR, compensator_outputs=2)
     cal.compensator_shift, cal.compensator_output_shift = [1] * 8, [1] * 2
     cal.current_max = 8000 << 14
     ecu = rig.started(cal)
     ecu.outputs = [5000 << 14, -9000 << 14]
     allocate(ecu, cal)
-    assert ecu.current[:2] == [5000 << 14, -8000 << 14]
-    ecu.failed[3] = 1
-    allocate(ecu, cal)
-    assert ecu.current[:2] == [5000 << 14, 0]
-
-
-@pytest.mark.parametrize("corner", range(4))
-def test_a_failed_corner_closes_the_valve_of_its_axle_alone(corner):
-    cal = rig.calibration(actuator=fw.VALVES, law=fw.COMPENSATOR, compensator_outputs=2)
-    cal.compensator_shift, cal.compensator_output_shift = [1] * 8, [1] * 2
-    cal.current_max = 8000 << 14
-    ecu = rig.started(cal)
-    ecu.outputs = [5000 << 14, 4000 << 14]
+    expected = [5000 << 14, -8000 << 14]
+    assert ecu.current[:2] == expected
     ecu.failed[corner] = 1
     allocate(ecu, cal)
-    expected = [5000 << 14, 4000 << 14]
     expected[corner // 2] = 0
     assert ecu.current[:2] == expected

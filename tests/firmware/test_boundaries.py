@@ -6,7 +6,6 @@ import rig
 from firmware import calibration as fw
 from firmware import ecu as loop
 from firmware import plausibility as sv
-from firmware.allocation import allocate
 from firmware.com.mailbox import read_inputs
 from firmware.com.signals import RX_SIGNALS
 from firmware.control_law import control
@@ -48,18 +47,6 @@ def test_a_command_that_moves_by_the_threshold_itself_is_not_sent(floor, relativ
         for sign in (-1, 1):
             ecu.outputs[0] = (sent + sign * error) * STEP
             assert moved(ecu, cal) == expected
-
-
-def test_both_outputs_count_for_the_threshold():
-    cal = rig.calibration(
-        law=fw.COMPENSATOR, actuator=fw.BARS, compensator_outputs=2, trigger_floor=50 * STEP
-    )
-    cal.compensator_shift, cal.compensator_output_shift = [1] * 8, [1] * 2
-    ecu = rig.started(cal)
-    ecu.outputs = [30 * STEP, 40 * STEP]
-    assert moved(ecu, cal) == 0
-    ecu.outputs = [30 * STEP, 41 * STEP]
-    assert moved(ecu, cal) == 1
 
 
 def waiting_for_an_echo():
@@ -264,17 +251,6 @@ def test_a_step_of_the_identification_takes_its_ticks():
         for k in range(1, 61):
             identify(ecu, cal, 1)
             assert ecu.rls_filled == k // decimation
-
-
-@pytest.mark.parametrize("corner", range(4))
-def test_a_failed_bar_gives_nothing_at_all(corner):
-    cal = rig.calibration(actuator=fw.BARS, share_slack=1 << 28)
-    ecu = rig.started(cal)
-    ecu.moment, ecu.front_share = 1000 << 14, 1 << 29
-    ecu.failed[corner], ecu.trust[corner] = 1, 0
-    allocate(ecu, cal)
-    axle = corner // 2
-    assert (ecu.bar[axle], ecu.bar[1 - axle]) == (0, 750 << 14)
 
 
 def covariances(rows) -> list[list[int]]:

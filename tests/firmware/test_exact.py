@@ -336,15 +336,16 @@ def test_damper_currents_are_the_share_between_soft_and_firm(seed):
 def test_the_schedule_is_linear_between_its_points(seed):
     rng = random.Random(900 + seed)
     grid = sorted(rng.sample(range(1 << 24), 8))
-    ecu, cal = started(rng, schedule_points=8, schedule_speed=grid)
+    points = 1 + seed % 8
+    ecu, cal = started(rng, schedule_points=points, schedule_speed=grid)
     cal.fade_low, cal.fade_high = 1, rng.randint(2, 1 << 24)
     cal.schedule_gain = [rng.randint(0, 1 << 30) for _ in range(8)]
     cal.schedule_front_share = [rng.randint(0, 1 << 30) for _ in range(8)]
     cal.schedule_steering = [rng.randint(-(1 << 26), 1 << 26) for _ in range(8)]
     for speed in (0, 1, 2, *cal.schedule_speed, *(rng.randint(0, 1 << 24) for _ in range(20))):
         ecu.speed, ecu.steering = speed, rng.randint(-(1 << 24), 1 << 24)
-        below = max((k for k in range(8) if cal.schedule_speed[k] <= speed), default=0)
-        above = min(below + 1, 7)
+        below = max((k for k in range(points) if cal.schedule_speed[k] <= speed), default=0)
+        above = min(below + 1, points - 1)
         width = max(cal.schedule_speed[above] - cal.schedule_speed[below], 1)
         gone = limited(speed - cal.schedule_speed[below], 0, width)
         share = towards_zero(Fraction(gone << 28, width))

@@ -70,31 +70,6 @@ def test_gyro_bias_is_limited_to_what_is_believed():
     assert bench.ecu.x[GYRO_BIAS] == cal.bias_max
 
 
-def test_without_fresh_samples_the_observer_only_predicts():
-    model = rig.observer_model(rig.VAN, TICK)
-    bench = rig.Bench(rig.calibration()).active()
-    for _ in range(40):
-        bench.step(4.0)
-    bench.drop.add("Imu")
-    x = np.array(bench.ecu.x) * UNIT
-    for _ in range(5):
-        bench.step(4.0)
-        x = model.phi @ x + model.gamma * measured(bench)[1]
-        np.testing.assert_allclose(np.array(bench.ecu.x) * UNIT, x, atol=2e-6)
-
-
-def test_repeated_sample_corrects_nothing():
-    model = rig.observer_model(rig.VAN, TICK)
-    bench = rig.Bench(rig.calibration()).active()
-    bench.frozen.add("Imu")
-    bench.change["Imu"] = {"RollRate": 30.0}
-    x = np.array(bench.ecu.x) * UNIT
-    for _ in range(3):
-        bench.step(4.0)
-        x = model.phi @ x + model.gamma * measured(bench)[1]
-        np.testing.assert_allclose(np.array(bench.ecu.x) * UNIT, x, atol=2e-6)
-
-
 def test_bypass_takes_the_true_motion():
     cal = rig.calibration(observer=fw.BYPASS)
     cal.timeout_ticks = [0, 10, 0, 5, 5]

@@ -32,32 +32,6 @@ def test_at_standstill_only_the_gyro_learns():
     assert acceleration == 0.0
 
 
-@pytest.mark.parametrize(
-    "motion", [{"steering_deg": 5.0}, {"yaw_rate_deg": 2.0}, {"speed_kmh": 8.0}]
-)
-def test_turning_or_creeping_nothing_is_learnt(motion):
-    assert learnt(drive(5.0, **motion)) == (0.0, 0.0)
-
-
-def test_without_speed_and_steering_nothing_is_learnt():
-    bench = drive(2.0, drop={"VehicleMotion"})
-    assert learnt(bench) == (0.0, 0.0)
-    lost = drive(2.0)
-    lost.drop.add("VehicleMotion")
-    lost.run(0.5)
-    before = learnt(lost)
-    lost.run(2.0)
-    assert learnt(lost) == before
-
-
-def test_bad_values_teach_nothing():
-    bench = drive(2.0)
-    bench.change["Imu"] = {"RollRate": 163.83}
-    before = learnt(bench)
-    bench.run(0.3)
-    assert learnt(bench) == before
-
-
 def test_switched_off_nothing_is_learnt():
     assert learnt(drive(3.0, cal=rig.calibration())) == (0.0, 0.0)
 

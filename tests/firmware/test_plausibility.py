@@ -319,6 +319,14 @@ NEEDED = [
     (RX_ROLL_REFERENCE, {"observer": fw.BYPASS}, (1, 2, 4), sv.FAULT_REFERENCE, SAFE),
     (RX_SUSPENSION_RATE, {"actuator": fw.DAMPERS}, (1, 2, 4, 8), sv.FAULT_STROKE, SAFE),
     (RX_ACTUATOR_STATE, {"actuator": fw.DAMPERS}, (1, 2), sv.FAULT_MOMENT, SAFE),
+    (
+        RX_ACTUATOR_STATE,
+        {"actuator": fw.VALVES, "law": fw.COMPENSATOR, "compensator_outputs": 2}
+        | {"compensator_shift": [1] * 8, "compensator_output_shift": [1] * 2},
+        (1, 2),
+        sv.FAULT_MOMENT,
+        SAFE,
+    ),
 ]
 
 

@@ -5,7 +5,6 @@ import pytest
 import rig
 from twin import Twin
 
-from firmware import calibration as fw
 from firmware.state import ACTIVE
 
 TICK = 0.01
@@ -74,23 +73,6 @@ def test_at_every_tick_the_loop_allows(tick):
     difference, peak = worst_difference(bench, twin, rig.lane_change, 3.0)
     assert peak > 500.0
     assert difference < 1.0
-
-
-def test_output_feedback_is_the_gain_times_what_is_measured():
-    cal = rig.calibration(law=fw.OUTPUT_FEEDBACK)
-    cal.output_gain, cal.output_gain_shift = rig.quantise_row(
-        [-2500.0, -150.0, -900.0], fw.Q_MOMENT, rig.MEASURED_Q
-    )
-    bench = rig.Bench(cal, noise=(0.0017, 0.05))
-    twin = twin_of(
-        rig.VAN,
-        TICK,
-        lambda ahead, rate, lateral: -2500.0 * rate - 150.0 * lateral - 900.0 * ahead[0],
-        0,
-    )
-    difference, peak = worst_difference(bench, twin, rig.lane_change, 8.0)
-    assert peak > 500.0
-    assert difference < 0.05
 
 
 def test_an_event_trigger_changes_what_is_under_way_not_what_is_computed():
