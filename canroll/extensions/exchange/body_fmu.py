@@ -23,24 +23,12 @@ from vehicles import Vehicle
 IDENTIFIER = "canroll_vehicle"
 PARTS = ("state", "inputs", "parameters", "outputs")
 MODEL = """\
-/* The state of the vehicle's FMU. */
-#ifndef MODEL_H
-#define MODEL_H
-
-#include "kernels.h"
-
-#define {token}
-#define FMU_PORTS 0
-#define FMU_BUFFER 1
-
-typedef struct {{
+typedef struct {
     body_vehicle vehicle;
     int64_t time_ns;
-}} model;
+} model;
 
 void body_image(void *record);
-
-#endif
 """
 
 
@@ -71,40 +59,22 @@ def write(path: Path, vehicle: Vehicle, body: Body, maneuver: Maneuver, *, title
         "kernels.h": translator.header([entry]),
         "kernels.c": translator.text(),
         "image.c": image.source("body_image", start.tobytes()),
-        "model.h": MODEL.format(token=archive.TOKEN),
+        "model.h": archive.model("vehicle", "kernels.h", archive.WITHOUT_PORTS, MODEL),
     }
-    variables = [*_variables(parts["inputs"])]
+    variables = _variables(parts["inputs"])
     interface = Interface(identifier=IDENTIFIER, description=title, variables=variables, step=1e-3)
     archive.write(path, interface, sources)
     return _write_map(path)
 
 
 def _variables(inputs: np.ndarray[tuple[int], np.dtype[np.float64]]) -> list[Variable]:
-    return [
-        *(
-            Variable(
-                name=name,
-                type=FLOAT64,
-                causality=INPUT,
-                variability="continuous",
-                member=f"vehicle.inputs[{place}]",
-                start=(float(inputs[place]),),
-                unit=unit,
-            )
-            for name, (place, unit) in INPUTS.items()
-        ),
-        *(
-            Variable(
-                name=name,
-                type=FLOAT64,
-                causality=OUTPUT,
-                variability="discrete",
-                member=f"vehicle.outputs[{place}]",
-                unit=unit,
-            )
-            for name, (place, unit) in OUTPUTS.items()
-        ),
-    ]
+    variables = []
+    for name, (place, unit) in INPUTS.items():
+        member, start = f"vehicle.inputs[{place}]", (float(inputs[place]),)
+        variables.append(Variable(name, FLOAT64, INPUT, member, unit=unit, start=start))
+    for name, (place, unit) in OUTPUTS.items():
+        variables.append(Variable(name, FLOAT64, OUTPUT, f"vehicle.outputs[{place}]", unit=unit))
+    return variables
 
 
 def _write_map(path: Path) -> Path:

@@ -30,18 +30,8 @@ LOG = 1024
 """Entries of the log, which is read after every event."""
 MOST_PORTS = 64
 _UNUSED = 1
+_TOTALS = len(OUTCOMES) + 1
 MODEL = """\
-/* The state of the bus's FMU. */
-#ifndef MODEL_H
-#define MODEL_H
-
-#include "kernels.h"
-
-#define {token}
-#define FMU_PORTS {ports}
-#define FMU_BUFFER {buffer}
-#define BUS_LOG {log}
-
 typedef struct {{
     int64_t cursor;
     bus_state bus;
@@ -51,8 +41,6 @@ typedef struct {{
 static const int64_t bus_ports[FMU_PORTS] = {{ {nodes} }};
 
 void model_image(void *record);
-
-#endif
 """
 
 
@@ -90,12 +78,11 @@ def write(path: Path, network: Network, ports: Mapping[str, int], *, title: str)
         "kernels.h": translator.header(prototypes),
         "kernels.c": translator.text(),
         "image.c": image.source("model_image", start.tobytes()),
-        "model.h": MODEL.format(
-            token=archive.TOKEN,
-            ports=len(ports),
-            buffer=BUFFER,
-            log=LOG,
-            nodes=", ".join(str(number) for number in ports.values()),
+        "model.h": archive.model(
+            "bus",
+            "kernels.h",
+            {"FMU_PORTS": len(ports), "FMU_BUFFER": BUFFER, "BUS_LOG": LOG},
+            MODEL.format(nodes=", ".join(map(str, ports.values()))),
         ),
     }
     interface = Interface(
@@ -135,87 +122,43 @@ def _fitted(network: Network) -> np.dtype[np.void]:
 
 
 def _parameters(network: Network) -> list[Variable]:
+    def fixed(name: str, kind: str, member: str, start: float, meaning: str) -> Variable:
+        return Variable(name, kind, PARAMETER, f"bus.{member}", meaning, start=(start,))
+
     parameters = []
     for number, segment in enumerate(network.segments):
+        prefix = f"segment[{number + 1}]." if len(network.segments) > 1 else ""
         for name, unit, kind in (
-            ("bitrate", "bit/s", INT64),
-            ("data_bitrate", "bit/s", INT64),
-            ("propagation_ns", "ns", INT64),
+            ("bitrate", ", bit/s", INT64),
+            ("data_bitrate", ", bit/s", INT64),
+            ("propagation_ns", ", ns", INT64),
             ("bit_error_rate", "", FLOAT64),
         ):
-            prefix = f"segment[{number + 1}]." if len(network.segments) > 1 else ""
-            parameters.append(
-                Variable(
-                    name=f"{prefix}{name}",
-                    type=kind,
-                    causality=PARAMETER,
-                    variability="fixed",
-                    member=f"bus.segments[{number}].{name}",
-                    start=(segment[name].item(),),
-                    unit=unit if kind == FLOAT64 else "",
-                    description=f"of segment {number + 1}{f', {unit}' if unit else ''}",
-                )
-            )
-    seed = int(network.clock[layout.SEED])
-    parameters.append(
-        Variable(
-            name="seed",
-            type=INT64,
-            causality=PARAMETER,
-            variability="fixed",
-            member=f"bus.clock[{layout.SEED}]",
-            start=(seed,),
-            description="of bit errors, latencies and random payloads",
-        )
-    )
-    return parameters
+            member, start = f"segments[{number}].{name}", segment[name].item()
+            meaning = f"of segment {number + 1}{unit}"
+            parameters.append(fixed(f"{prefix}{name}", kind, member, start, meaning))
+    member, start = f"clock[{layout.SEED}]", int(network.clock[layout.SEED])
+    meaning = "of bit errors, latencies and random payloads"
+    return [*parameters, fixed("seed", INT64, member, start, meaning)]
 
 
 def _shown(network: Network, ports: Mapping[str, int]) -> list[Variable]:
+    logged, busy = f"bus.clock[{layout.LOGGED}]", "bus.segments[0].busy_ns"
+    while_busy = "time for which the first segment was not idle, ns"
     outputs = [
-        Variable(
-            name="logged",
-            type=INT64,
-            causality=OUTPUT,
-            variability="discrete",
-            member=f"bus.clock[{layout.LOGGED}]",
-            description="outcomes of attempts and frames so far",
-        ),
-        Variable(
-            name="busy_ns",
-            type=INT64,
-            causality=OUTPUT,
-            variability="discrete",
-            member="bus.segments[0].busy_ns",
-            description="time for which the first segment was not idle, ns",
-        ),
+        Variable("logged", INT64, OUTPUT, logged, "outcomes of attempts and frames so far"),
+        Variable("busy_ns", INT64, OUTPUT, busy, while_busy),
     ]
+    meaning, shape = f"frames by outcome: {', '.join(OUTCOMES)}; all that were queued", (_TOTALS,)
     for number in range(len(network.segments)):
-        outputs.append(
-            Variable(
-                name=f"segment[{number + 1}].totals",
-                type=INT64,
-                causality=LOCAL,
-                variability="discrete",
-                member=f"bus.totals[{number * (len(OUTCOMES) + 1)}]",
-                shape=(len(OUTCOMES) + 1,),
-                description=f"frames by outcome: {', '.join(OUTCOMES)}; all that were queued",
-            )
-        )
+        name, member = f"segment[{number + 1}].totals", f"bus.totals[{number * _TOTALS}]"
+        outputs.append(Variable(name, INT64, LOCAL, member, meaning, shape=shape))
     for port, node in ports.items():
         for name, meaning in (
             ("state", "0 error-active, 1 error-passive, 2 bus-off"),
             ("transmit_errors", "transmit error counter"),
             ("receive_errors", "receive error counter"),
         ):
-            outputs.append(
-                Variable(
-                    name=f"{port}.{name}",
-                    type=INT64,
-                    causality=LOCAL,
-                    variability="discrete",
-                    member=f"bus.nodes[{node}].{name}",
-                    description=meaning,
-                )
-            )
+            member = f"bus.nodes[{node}].{name}"
+            outputs.append(Variable(f"{port}.{name}", INT64, LOCAL, member, meaning))
     return outputs

@@ -60,19 +60,6 @@ REPORTED = {
 }
 """Signals of ActuatorState among the recorded ones, with their units."""
 MODEL = """\
-/* The state of the plant's FMU. */
-#ifndef MODEL_H
-#define MODEL_H
-
-#include "kernels.h"
-
-#define {token}
-#define FMU_PORTS {ports}
-#define FMU_BUFFER {buffer}
-#define PLANT_ACTUATOR {node}
-#define PLANT_COMMAND {command}
-#define PLANT_CHANNELS {channels}
-
 typedef struct {{
     plant_state plant;
     plant_row shown;
@@ -81,8 +68,6 @@ typedef struct {{
 
 extern const double plant_start[{columns}];
 void model_image(void *record);
-
-#endif
 """
 
 
@@ -139,23 +124,22 @@ def write(
     )
     values = initialiser(shown["values"][0])
     count = recording.N_COLUMNS
+    wired = {"FMU_PORTS": 2, "FMU_BUFFER": BUFFER} if ports == CAN else archive.WITHOUT_PORTS
+    constants = {
+        **wired,
+        "PLANT_ACTUATOR": can_bus.ACTUATOR,
+        "PLANT_COMMAND": which,
+        "PLANT_CHANNELS": channels,
+    }
     sources = {
         **archive.shell("plant_model.c", *(("ls_bus.h",) if ports == CAN else ())),
         **kernels,
         "image.c": image.source("model_image", start.tobytes()),
         "start.c": '#include <math.h>\n\n#include "model.h"\n\n'
         f"const double plant_start[{count}] = {values};\n",
-        "model.h": MODEL.format(
-            token=archive.TOKEN,
-            ports=2 if ports == CAN else 0,
-            node=can_bus.ACTUATOR,
-            buffer=BUFFER if ports == CAN else 1,
-            command=which,
-            channels=channels,
-            columns=count,
-        ),
+        "model.h": archive.model("plant", "kernels.h", constants, MODEL.format(columns=count)),
     }
-    variables = [*_signals()]
+    variables = _signals()
     if ports == SIGNALS:
         variables += [*_demands(command), *_measured()]
     terminals = (
@@ -217,17 +201,12 @@ _BODY = ("state", "inputs", "parameters", "outputs")
 
 
 def _signals() -> list[Variable]:
-    return [
-        Variable(
-            name=name,
-            type=FLOAT64,
-            causality=OUTPUT,
-            variability="discrete",
-            member=f"shown.values[{column}]",
-            unit=_unit(name),
-        )
-        for name, column in recording.SIGNALS.items()
-    ]
+    return [_recorded(name, name, _unit(name)) for name in recording.SIGNALS]
+
+
+def _recorded(name: str, signal: str, unit: str) -> Variable:
+    member = f"shown.values[{recording.SIGNALS[signal]}]"
+    return Variable(name, FLOAT64, OUTPUT, member, unit=unit)
 
 
 def _unit(name: str) -> str:
@@ -237,49 +216,23 @@ def _unit(name: str) -> str:
 
 
 def _demands(command: str) -> list[Variable]:
-    return [
-        Variable(
-            name=f"{command}.{name}",
-            type=FLOAT64,
-            causality=INPUT,
-            variability="continuous",
-            member=f"demands[{channel}]",
-            start=(0.0,),
-            unit=next((u for start, u in OF_COMMANDS.items() if name.startswith(start)), ""),
-            description=f"demand of channel {channel}",
-        )
-        for channel, name in enumerate(actuators.command_signals(command))
-    ]
+    variables = []
+    for channel, name in enumerate(actuators.command_signals(command)):
+        unit = next((u for start, u in OF_COMMANDS.items() if name.startswith(start)), "")
+        member, meaning = f"demands[{channel}]", f"demand of channel {channel}"
+        named = f"{command}.{name}"
+        variables.append(Variable(named, FLOAT64, INPUT, member, meaning, unit, (0.0,)))
+    return variables
 
 
 def _measured() -> list[Variable]:
     """What the sensors measured last, in SI units, and what the actuators report."""
-    outputs = [
-        Variable(
-            name=name,
-            type=FLOAT64,
-            causality=OUTPUT,
-            variability="discrete",
-            member=f"plant.sensors.channel[{index}].last",
-            unit=_measured_unit(name),
-            description="as sampled last",
-        )
-        for index, name in enumerate(sensors.SIGNALS)
-    ]
-    return [
-        *outputs,
-        *(
-            Variable(
-                name=f"ActuatorState.{name}",
-                type=FLOAT64,
-                causality=OUTPUT,
-                variability="discrete",
-                member=f"shown.values[{recording.SIGNALS[signal]}]",
-                unit=unit,
-            )
-            for name, (signal, unit) in REPORTED.items()
-        ),
-    ]
+    variables = []
+    for index, name in enumerate(sensors.SIGNALS):
+        member, unit = f"plant.sensors.channel[{index}].last", _measured_unit(name)
+        variables.append(Variable(name, FLOAT64, OUTPUT, member, "as sampled last", unit))
+    reported = REPORTED.items()
+    return [*variables, *(_recorded(f"ActuatorState.{name}", *its) for name, its in reported)]
 
 
 def _measured_unit(name: str) -> str:

@@ -20,6 +20,7 @@ SHELL = ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h", "fmu.h
 OPTIONS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden")
 """``-ffp-contract=off``: no operation on floats is fused, so that every machine rounds alike."""
 TOKEN = "FMU_TOKEN"
+WITHOUT_PORTS = {"FMU_PORTS": 0, "FMU_BUFFER": 1}
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
@@ -29,6 +30,22 @@ def shell(*names: str) -> dict[str, str]:
         name: (SOURCES / name).read_text(encoding="utf-8")
         for name in dict.fromkeys((*SHELL, *names))
     }
+
+
+def model(of: str, include: str, values: Mapping[str, int], text: str) -> str:
+    """Text of model.h: constants, the record ``model`` that ``text`` defines, and what is more.
+
+    Args:
+        of: whose FMU it is.
+        include: header of what is in the record.
+        values: constants, ``FMU_PORTS`` and ``FMU_BUFFER`` among them.
+        text: C.
+    """
+    defined = "".join(f"#define {name} {value}\n" for name, value in values.items())
+    return (
+        f"/* The state of the {of}'s FMU. */\n#ifndef MODEL_H\n#define MODEL_H\n\n"
+        f'#include "{include}"\n\n#define {TOKEN}\n{defined}\n{text}\n#endif\n'
+    )
 
 
 def write(path: Path, interface: Interface, sources: Mapping[str, str]) -> None:

@@ -6,6 +6,7 @@ without end-to-end protection, so that resolution and limits stay those of the b
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -116,84 +117,42 @@ def write(
 def _parameters(record: Calibration) -> Iterator[Variable]:
     for its in fields(Calibration):
         if its.name not in FIXED:
-            values = np.ravel(np.array(getattr(record, its.name))).tolist()
-            yield Variable(
-                name=f"calibration.{its.name}",
-                type=_type(its),
-                causality=PARAMETER,
-                variability="fixed",
-                member=f"calibration.{its.name}",
-                start=tuple(values),
-                shape=its.shape,
-                description=_meaning(its),
-                low=its.f.lo,
-                high=its.f.hi,
-            )
+            start = tuple(np.ravel(np.array(getattr(record, its.name))).tolist())
+            variable = _of_field("calibration", its, PARAMETER)
+            yield replace(variable, start=start, low=its.f.lo, high=its.f.hi)
 
 
 def _states(firmware: BusFirmware) -> Iterator[Variable]:
     for its in fields(firmware.record):
-        yield Variable(
-            name=f"ecu.{its.name}",
-            type=_type(its),
-            causality=LOCAL,
-            variability="discrete",
-            member=f"ecu.{its.name}",
-            shape=its.shape,
-            description=_meaning(its),
-        )
+        yield _of_field("ecu", its, LOCAL)
 
 
-def _type(its: Field) -> str:
-    return UINT8 if its.kind == "u8" else INT32
-
-
-def _meaning(its: Field) -> str:
+def _of_field(record: str, its: Field, causality: str) -> Variable:
+    name, kind = f"{record}.{its.name}", UINT8 if its.kind == "u8" else INT32
     parts = [its.f.unit, f"Q{its.f.q}" if its.f.q else "", its.f.meaning]
-    return ", ".join(part for part in parts if part)
+    return Variable(name, kind, causality, name, ", ".join(filter(None, parts)), shape=its.shape)
 
 
 def _shown(firmware: BusFirmware) -> Iterator[Variable]:
     known = {its.name: its for its in fields(firmware.record)}
     for number, (name, (field, index, meaning)) in enumerate(SHOWN.items()):
         unit = known[field].f.unit if index is None else _STATES[index][0]
-        yield Variable(
-            name=name,
-            type=FLOAT64,
-            causality=OUTPUT,
-            variability="discrete",
-            member=f"shown[{number}]",
-            unit=unit_name(unit),
-            description=meaning,
-        )
+        yield Variable(name, FLOAT64, OUTPUT, f"shown[{number}]", meaning, unit_name(unit))
 
 
 def _model(plain: Plain | None) -> str:
-    values = plain.members if plain else ()
-    return "\n".join(
-        [
-            "/* The state of the ECU's FMU. */",
-            "#ifndef MODEL_H",
-            "#define MODEL_H",
-            "",
-            '#include "canroll.h"',
-            "",
-            f"#define {archive.TOKEN}",
-            f"#define FMU_PORTS {0 if plain else 1}",
-            f"#define FMU_BUFFER {1 if plain else BUFFER}",
-            "",
-            "typedef struct {",
-            "    canroll_calibration calibration;",
-            "    canroll_ecu ecu;",
-            "    int64_t start_ns, ticks;",
-            f"    double shown[{len(SHOWN)}];",
-            *(f"    {member}" for member in values),
-            "} model;",
-            "",
-            "#endif",
-            "",
-        ]
-    )
+    wired = archive.WITHOUT_PORTS if plain else {"FMU_PORTS": 1, "FMU_BUFFER": BUFFER}
+    lines = [
+        "typedef struct {",
+        "    canroll_calibration calibration;",
+        "    canroll_ecu ecu;",
+        "    int64_t start_ns, ticks;",
+        f"    double shown[{len(SHOWN)}];",
+        *(f"    {member}" for member in (plain.members if plain else ())),
+        "} model;",
+        "",
+    ]
+    return archive.model("ECU", "canroll.h", wired, "\n".join(lines))
 
 
 def _header(bus: BusMap, plain: Plain | None, phase_ns: int, run_time_ns: int) -> str:

@@ -55,26 +55,13 @@ class Plain:
     def variables(self) -> Iterator[Variable]:
         """The variables of inputs and outputs."""
         for number, (_, box, signal) in enumerate(self.inputs):
-            yield Variable(
-                name=f"{box.name}.{signal.name}",
-                type=FLOAT64,
-                causality=INPUT,
-                variability="continuous",
-                member=f"inputs[{number}]",
-                start=(_start(signal),),
-                unit=unit_name(signal.place.unit),
-                description=f"to {signal.place.text}",
-            )
+            name, unit = f"{box.name}.{signal.name}", unit_name(signal.place.unit)
+            meaning, start = f"to {signal.place.text}", (_start(signal),)
+            yield Variable(name, FLOAT64, INPUT, f"inputs[{number}]", meaning, unit, start)
         for number, (_, box, signal) in enumerate(self.outputs):
-            yield Variable(
-                name=f"{box.name}.{signal.name}",
-                type=FLOAT64,
-                causality=OUTPUT,
-                variability="discrete",
-                member=f"outputs[{number}]",
-                unit=unit_name(signal.place.unit),
-                description=f"of the last command: {signal.place.text}",
-            )
+            name, unit = f"{box.name}.{signal.name}", unit_name(signal.place.unit)
+            meaning = f"of the last command: {signal.place.text}"
+            yield Variable(name, FLOAT64, OUTPUT, f"outputs[{number}]", meaning, unit)
 
     @property
     def members(self) -> tuple[str, ...]:

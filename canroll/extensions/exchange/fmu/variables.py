@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from math import prod
 
 FLOAT64, INT32, UINT8, INT64, BOOLEAN = "Float64", "Int32", "UInt8", "Int64", "Boolean"
 CLOCK, BINARY = "Clock", "Binary"
@@ -27,7 +28,7 @@ MEMBERS = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Variable:
     """One variable of an FMU; its value reference is its place in the list.
 
@@ -35,12 +36,11 @@ class Variable:
         name: structured name.
         type: of FMI 3.0.
         causality: output, input, parameter, local or independent.
-        variability: continuous, discrete or fixed.
         member: the place in the C record ``model``; of a terminal's variables empty.
+        description: its meaning.
+        unit: SI unit, "" for none.
         start: start values, one for each element; none where it is calculated.
         shape: sizes of an array.
-        unit: SI unit, "" for none.
-        description: its meaning.
         low: least value allowed, or None.
         high: largest value allowed, or None.
         terminal: number of its terminal, −1 for none.
@@ -50,12 +50,11 @@ class Variable:
     name: str
     type: str
     causality: str
-    variability: str
     member: str = ""
+    description: str = ""
+    unit: str = ""
     start: tuple[float, ...] = ()
     shape: tuple[int, ...] = ()
-    unit: str = ""
-    description: str = ""
     low: float | None = None
     high: float | None = None
     terminal: int = -1
@@ -64,10 +63,14 @@ class Variable:
     @property
     def count(self) -> int:
         """Number of its elements."""
-        count = 1
-        for size in self.shape:
-            count *= size
-        return count
+        return prod(self.shape)
+
+    @property
+    def variability(self) -> str:
+        """When it may change: that of a plain input, and of time, is continuous."""
+        if self.causality in (INPUT, INDEPENDENT) and not self.role:
+            return "continuous"
+        return "fixed" if self.causality == PARAMETER else "discrete"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,10 +103,7 @@ class Interface:
     everything: tuple[Variable, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        time = Variable(
-            name="time", type=FLOAT64, causality=INDEPENDENT, variability="continuous", unit="s"
-        )
-        found = [time, *self.variables]
+        found = [Variable("time", FLOAT64, INDEPENDENT, unit="s"), *self.variables]
         for number, terminal in enumerate(self.terminals):
             found += terminal_variables(terminal, number)
         object.__setattr__(self, "everything", tuple(found))
@@ -121,14 +121,7 @@ def terminal_variables(terminal: Terminal, number: int) -> Iterator[Variable]:
         (TX_CLOCK, CLOCK, INPUT),
         (TX_DATA, BINARY, OUTPUT),
     ):
-        yield Variable(
-            name=f"{terminal.name}.{role}",
-            type=kind,
-            causality=causality,
-            variability="discrete",
-            terminal=number,
-            role=role,
-        )
+        yield Variable(f"{terminal.name}.{role}", kind, causality, terminal=number, role=role)
 
 
 def table(interface: Interface) -> str:
