@@ -8,6 +8,7 @@ import numpy as np
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.extensions.exchange import plant_kernel
 from canroll.extensions.exchange.fmu import archive
+from canroll.extensions.exchange.fmu.description import unit_name
 from canroll.extensions.exchange.fmu.ecu import CAN, PORTS, SIGNALS
 from canroll.extensions.exchange.fmu.variables import (
     FLOAT64,
@@ -24,7 +25,7 @@ from plant_sim import can_bus
 from plant_sim.bodies.ports import Body
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.kernels.records import to_record
-from plant_sim.nodes import actuators, e2e, own_sums, sensors
+from plant_sim.nodes import actuators, codec_tables, e2e, own_sums, sensors
 from plant_sim.world import recording
 from plant_sim.world.world_kernel import Parts
 
@@ -35,30 +36,17 @@ PARTS = (
     *("frames", "sensors", "actuators", "authentication", "tables"),
 )
 """Parts of the world's memory that the plant has."""
-UNITS = {
-    **dict.fromkeys(("yaw", "roll", "pitch", "steer", "bank"), "rad"),
-    **dict.fromkeys(("yaw_rate", "roll_rate", "pitch_rate"), "rad/s"),
-    **dict.fromkeys(("yaw_acc", "roll_acc", "pitch_acc"), "rad/s2"),
-    **dict.fromkeys(("x", "y", "heave", "path_error"), "m"),
-    **dict.fromkeys(("vx", "vy", "heave_rate"), "m/s"),
-    **dict.fromkeys(("ax", "ay", "heave_acc"), "m/s2"),
-}
-GROUPS = (
-    *(("wheel_load", "N"), ("travel_rate", "m/s"), ("travel", "m"), ("wheel_speed", "rad/s")),
-    *(("wheel_height", "m"), ("lateral_force", "N"), ("corner_force", "N"), ("bar_angle", "rad")),
-    *(("bar_pressure", "Pa"), ("bar_moment", "N.m"), ("moment", "N.m"), ("valve_current", "A")),
-)
-"""Units of signals by the beginning of their names."""
-OF_COMMANDS = {"Force": "N", "Torque": "N.m", "Current": "mA"}
+SI = {"deg/s": "rad/s", "deg": "rad", "km/h": "m/s", "mm": "m", "mm/s": "m/s"}
+"""Units of the sensors' messages and those of what they measured."""
 REPORTED = {
-    "DeliveredMomentFront": ("moment_estimate_front", "N.m"),
-    "DeliveredMomentRear": ("moment_estimate_rear", "N.m"),
-    "StatusFrontLeft": ("status_front_left", ""),
-    "StatusFrontRight": ("status_front_right", ""),
-    "StatusRearLeft": ("status_rear_left", ""),
-    "StatusRearRight": ("status_rear_right", ""),
+    "DeliveredMomentFront": "moment_estimate_front",
+    "DeliveredMomentRear": "moment_estimate_rear",
+    "StatusFrontLeft": "status_front_left",
+    "StatusFrontRight": "status_front_right",
+    "StatusRearLeft": "status_rear_left",
+    "StatusRearRight": "status_rear_right",
 }
-"""Signals of ActuatorState among the recorded ones, with their units."""
+"""Signals of ActuatorState among the recorded ones."""
 MODEL = """\
 typedef struct {{
     plant_state plant;
@@ -139,7 +127,7 @@ def write(
         f"const double plant_start[{count}] = {values};\n",
         "model.h": archive.model("plant", "kernels.h", constants, MODEL.format(columns=count)),
     }
-    variables = _signals()
+    variables = [_recorded(name, name) for name in recording.SIGNALS]
     if ports == SIGNALS:
         variables += [*_demands(command), *_measured()]
     terminals = (
@@ -200,27 +188,16 @@ def _kernels(plant: np.dtype[Any], row: np.dtype[Any], body: Body) -> dict[str, 
 _BODY = ("state", "inputs", "parameters", "outputs")
 
 
-def _signals() -> list[Variable]:
-    return [_recorded(name, name, _unit(name)) for name in recording.SIGNALS]
-
-
-def _recorded(name: str, signal: str, unit: str) -> Variable:
-    member = f"shown.values[{recording.SIGNALS[signal]}]"
-    return Variable(name, FLOAT64, OUTPUT, member, unit=unit)
-
-
-def _unit(name: str) -> str:
-    if name in UNITS:
-        return UNITS[name]
-    return next((unit for start, unit in GROUPS if name.startswith(start)), "")
+def _recorded(name: str, signal: str) -> Variable:
+    member, unit = f"shown.values[{recording.SIGNALS[signal]}]", recording.unit(signal)
+    return Variable(name, FLOAT64, OUTPUT, member, unit=unit_name(unit))
 
 
 def _demands(command: str) -> list[Variable]:
     variables = []
     for channel, name in enumerate(actuators.command_signals(command)):
-        unit = next((u for start, u in OF_COMMANDS.items() if name.startswith(start)), "")
         member, meaning = f"demands[{channel}]", f"demand of channel {channel}"
-        named = f"{command}.{name}"
+        named, unit = f"{command}.{name}", unit_name(codec_tables.unit(command, name))
         variables.append(Variable(named, FLOAT64, INPUT, member, meaning, unit, (0.0,)))
     return variables
 
@@ -229,22 +206,8 @@ def _measured() -> list[Variable]:
     """What the sensors measured last, in SI units, and what the actuators report."""
     variables = []
     for index, name in enumerate(sensors.SIGNALS):
-        member, unit = f"plant.sensors.channel[{index}].last", _measured_unit(name)
-        variables.append(Variable(name, FLOAT64, OUTPUT, member, "as sampled last", unit))
-    reported = REPORTED.items()
-    return [*variables, *(_recorded(f"ActuatorState.{name}", *its) for name, its in reported)]
-
-
-def _measured_unit(name: str) -> str:
-    signal = name.partition(".")[2]
-    for word, unit in (
-        ("RollAngle", "rad"),
-        ("SteeringWheelAngle", "rad"),
-        ("Rate", "rad/s"),
-        ("Acceleration", "m/s2"),
-        ("Speed", "m/s"),
-        ("Travel", "m"),
-    ):
-        if word in signal:
-            return "m/s" if name.startswith("SuspensionRate") else unit
-    return ""
+        member, unit = f"plant.sensors.channel[{index}].last", codec_tables.unit(*name.split("."))
+        si = unit_name(SI.get(unit, unit))
+        variables.append(Variable(name, FLOAT64, OUTPUT, member, "as sampled last", si))
+    reported = (_recorded(f"ActuatorState.{name}", its) for name, its in REPORTED.items())
+    return [*variables, *reported]

@@ -45,7 +45,7 @@ NANOSECONDS = 10**9
 
 def unit_name(text: str) -> str:
     """A unit of canroll's tables as UNITS spells it; "" for what is not in it."""
-    spelt = text.replace("N·m", "N.m").replace("²", "2")
+    spelt = text.replace("N·m", "N.m").replace("Nm", "N.m").replace("²", "2")
     return spelt if spelt in UNITS else ""
 
 
