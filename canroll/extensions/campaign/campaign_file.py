@@ -183,9 +183,7 @@ def load(
         table = documents.toml(path)
     except (OSError, ValueError) as error:
         raise CanrollError(f"{path}: not a campaign file ({reason(error)})") from error
-    for key in table:
-        if key not in (*KEYS, *TABLES):
-            raise UnknownNameError(f"key of {path}:", key, (*KEYS, *TABLES))
+    documents.refuse_unknown(table, (*KEYS, *TABLES), f"key of {path}:")
     run, drawn, faults = (_table(table, key, path) for key in ("run", "draw", "faults"))
     if table.get("schema") != SCHEMA:
         raise CanrollError(f"{path}: needs schema = {SCHEMA}")
@@ -264,17 +262,14 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
 def _choices(table: Mapping[str, Any], where: str) -> dict[str, Any]:
     """Return the choices of the run, each checked."""
     known = [name for name in CHOICES if name not in OWN]
+    documents.refuse_unknown(table, known, f"key of {where}")
     for name, value in table.items():
-        if name not in known:
-            raise UnknownNameError(f"key of {where}", name, known)
         CHOICES[name].check_in_file(value, f"{where} {name}")
     return dict(table)
 
 
 def _faults(table: Mapping[str, Any], where: str) -> Discrete:
-    for key in table:
-        if key not in ("of", "single", "double"):
-            raise UnknownNameError(f"key of {where}", key, ("of", "single", "double"))
+    documents.refuse_unknown(table, ("of", "single", "double"), f"key of {where}")
     faults = table.get("of")
     if not isinstance(faults, list) or not faults or not all(isinstance(f, str) for f in faults):
         raise CanrollError(f"{where} of: {faults!r} must be a list of faults")
@@ -298,9 +293,7 @@ def _correlations(entries: object, path: Path) -> Iterator[Correlation]:
     if not isinstance(entries, list) or not all(isinstance(e, Mapping) for e in entries):
         raise CanrollError(f"{path}: correlation must be a list of tables, write [[correlation]]")
     for entry in entries:
-        for key in entry:
-            if key not in ("of", "rank"):
-                raise UnknownNameError(f"key of {where}", key, ("of", "rank"))
+        documents.refuse_unknown(entry, ("of", "rank"), f"key of {where}")
         of, rank = entry.get("of"), entry.get("rank")
         if not isinstance(of, list) or len(of) != 2 or not all(isinstance(n, str) for n in of):
             raise CanrollError(f"{where} of: {of!r} must be the names of two quantities")

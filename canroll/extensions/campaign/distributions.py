@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from canroll.errors import CanrollError, UnknownNameError
+from canroll.documents import refuse_unknown
+from canroll.errors import CanrollError
 
 Vector = NDArray[np.float64]
 
@@ -124,9 +125,7 @@ def read(written: object, where: str) -> Distribution:
         example = "{uniform = [0.9, 1.1]}"
         raise CanrollError(f"{where}: {written!r} is not a distribution, write e.g. {example}")
     kinds = [name for name in written if name in KINDS]
-    for name in written:
-        if name not in (*KINDS, "within", "weights"):
-            raise UnknownNameError(f"key of {where}", name, (*KINDS, "within", "weights"))
+    refuse_unknown(written, (*KINDS, "within", "weights"), f"key of {where}")
     if len(kinds) != 1:
         raise CanrollError(f"{where}: needs exactly one of {', '.join(KINDS)}")
     kind = kinds[0]

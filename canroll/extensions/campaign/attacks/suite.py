@@ -100,15 +100,6 @@ class Gate:
 
 
 @dataclass(frozen=True, slots=True)
-class AttackRun:
-    """A run under attack: its trace, and the frames of the attacker (:class:`AttackOutcome`)."""
-
-    trace: Trace
-    sent: int
-    accepted: int
-
-
-@dataclass(frozen=True, slots=True)
 class AttackOutcome:
     """What an attack did.
 
@@ -225,7 +216,13 @@ def attacked(loop: tuple[Run, Controller, Trace], number: int | None) -> AttackO
     return outcome(settings, controller, passive, attack)
 
 
-def _driven(settings: Run, controller: Controller, attack: Attack) -> AttackRun:
+def outcome(
+    settings: Run,
+    controller: Controller,
+    passive: Trace,
+    attack: Attack,
+) -> AttackOutcome:
+    """Drive one attack and judge it."""
     world = AttackedWorld(**world_options(settings, enabled=True))
     world.attack(attack.forge, START_NS, seed=settings.seed)
     inner = open_backend(
@@ -239,24 +236,12 @@ def _driven(settings: Run, controller: Controller, attack: Attack) -> AttackRun:
         offset_ns=tick_offset_ns(settings),
     )
     refused = (inner.refused, world.refused) if isinstance(inner, SecuredEcu) else None
-    return AttackRun(replace(trace, refused=refused), world.sent, gate.accepted + world.forged)
-
-
-def outcome(
-    settings: Run,
-    controller: Controller,
-    passive: Trace,
-    attack: Attack,
-) -> AttackOutcome:
-    """Drive one attack and judge it."""
-    driven = _driven(settings, controller, attack)
-    trace = driven.trace
-    seen = reaction.observe(trace, passive, ())
+    seen = reaction.observe(replace(trace, refused=refused), passive, ())
     return AttackOutcome(
         attack=attack.name,
-        sent=driven.sent,
-        accepted=driven.accepted,
-        refused=trace.refused,
+        sent=world.sent,
+        accepted=gate.accepted + world.forged,
+        refused=refused,
         roll_max_deg=float(np.degrees(peak(trace.signals["roll"]))),
         wrong_side_max_nm=seen.wrong_side_max_nm,
         wrong_side_s=seen.wrong_side_s,

@@ -57,9 +57,7 @@ def entries(settings: Run, path: Path = CATALOGUE) -> tuple[CatalogueEntry, ...]
         data = documents.toml(path)
     except (OSError, ValueError) as error:
         raise CanrollError(f"{path}: {reason(error)}") from error
-    for key in data:
-        if key not in (SINGLE, DOUBLE):
-            raise UnknownNameError(f"{path}: key", key, (SINGLE, DOUBLE))
+    documents.refuse_unknown(data, (SINGLE, DOUBLE), f"{path}: key")
     words = placeholders(settings)
     if not data:
         raise CanrollError(f"{path}: no entry; write each as a table [[{SINGLE}]] or [[{DOUBLE}]]")
@@ -99,9 +97,8 @@ def _tables(data: Mapping[str, Any], key: str, path: Path) -> Iterator[Mapping[s
 def _entry(
     table: Mapping[str, Any], words: Mapping[str, str], what: str, kind: str
 ) -> CatalogueEntry:
+    documents.refuse_unknown(table, KEYS, f"key of {what},")
     for key, value in table.items():
-        if key not in KEYS:
-            raise UnknownNameError(f"key of {what},", key, KEYS)
         if not isinstance(value, str):
             raise CanrollError(f"{what}: {key} must be text")
     for key in KEYS[:3]:

@@ -55,7 +55,8 @@ def rounded(value: float, deviation: float) -> str:
     return text.replace("-", "−")
 
 
-def _with_spread(value: float, deviation: float) -> str:
+def with_spread(value: float, deviation: float) -> str:
+    """Return a value and its standard deviation."""
     return f"{rounded(value, deviation)} ± {rounded(deviation, deviation)}"
 
 
@@ -77,8 +78,8 @@ def _row(number: FittedNumber) -> tuple[str | Cell, ...]:
     unknown = number.unknown
     return (
         unknown.label,
-        Cell(_with_spread(number.value, number.deviation), number.value, ""),
-        Cell(_with_spread(unknown.mean, unknown.deviation)),
+        Cell(with_spread(number.value, number.deviation), number.value, ""),
+        Cell(with_spread(unknown.mean, unknown.deviation)),
         unknown.unit,
         STATES[number.state],
     )

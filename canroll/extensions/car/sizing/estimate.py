@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from math import pi, sqrt
 from typing import Any
 
-from canroll.errors import CanrollError, UnknownNameError
+from canroll.documents import refuse_unknown
+from canroll.errors import CanrollError
 from canroll.extensions.car.sizing.classes import RATIOS, Ratio, class_named
 from vehicles.check import POUND
 from vehicles.load import from_table, load
@@ -55,9 +56,7 @@ def estimated(
         CanrollError: a size is missing, or they make an impossible or implausible vehicle.
     """
     kept = class_named(kind, drive)
-    for key in known:
-        if key not in (*SIZES, *RATIOS):
-            raise UnknownNameError("size or ratio of a vehicle", key, (*SIZES, *RATIOS))
+    refuse_unknown(known, (*SIZES, *RATIOS), "size or ratio of a vehicle")
     for key, (low, high, unit, slips) in SIZES.items():
         if key not in known:
             raise CanrollError(f"a vehicle needs its {key}")

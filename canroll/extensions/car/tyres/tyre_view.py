@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from canroll.errors import writing
-from canroll.extensions.car.identification.fit_page import rounded
+from canroll.extensions.car.identification.fit_page import with_spread
 from canroll.extensions.car.identification.unknowns import STATES
 from canroll.extensions.car.tyres.measured import MeasuredTyre, levels
 from canroll.extensions.car.tyres.tyre_fit import SAME_ANGLE, TyreFit, lateral_forces
@@ -67,18 +67,14 @@ def coefficient_table(fit: TyreFit) -> PageTable:
             (
                 number.unknown.key,
                 number.unknown.label,
-                Cell(_with_spread(number.value, number.deviation), number.value, ""),
-                Cell(_with_spread(number.unknown.mean, number.unknown.deviation)),
+                Cell(with_spread(number.value, number.deviation), number.value, ""),
+                Cell(with_spread(number.unknown.mean, number.unknown.deviation)),
                 STATES[number.state],
             )
             for number in fit.numbers
             if number.state != "kept"
         ],
     )
-
-
-def _with_spread(value: float, deviation: float) -> str:
-    return f"{rounded(value, deviation)} ± {rounded(deviation, deviation)}"
 
 
 def file_text(fit: TyreFit, start: str = "") -> str:

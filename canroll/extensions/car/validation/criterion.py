@@ -1,9 +1,17 @@
 """A figure of a manoeuvre, simulated against measured, and curves with tolerance bands."""
 
 from dataclasses import dataclass
+from math import radians
 from typing import Any
 
 from canroll.typing import Vector
+
+GAINS = {
+    "yaw_rate": ("yaw rate", "1/s", 1.0),
+    "lateral_acceleration": ("lateral acceleration", "m/s² per °", radians(1.0)),
+    "roll": ("roll", "° per °", 1.0),
+}
+"""Label, unit of a gain over the steering-wheel angle, and its factor, of each signal."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from scipy.signal import coherence, csd, welch
 
 from canroll.errors import CanrollError
 from canroll.extensions.car.identification.pieces import SAMPLE
-from canroll.extensions.car.validation.criterion import Criterion, Judged, ToleranceBand
+from canroll.extensions.car.validation.criterion import GAINS, Criterion, Judged, ToleranceBand
 from canroll.extensions.car.validation.replayed import Drive
 from canroll.extensions.car.validation.tolerances import FACTORS, Tolerance
 from canroll.typing import Vector
@@ -20,11 +20,6 @@ LEAST, MOST = 0.2, 3.0
 SEGMENT = 4.0
 """Length (s) of a segment of Welch's method."""
 COHERENT = 0.95
-_SIGNALS = {
-    "yaw_rate": ("yaw rate", "1/s", 1.0),
-    "lateral_acceleration": ("lateral acceleration", "m/s² per °", float(np.radians(1.0))),
-    "roll": ("roll", "° per °", 1.0),
-}
 
 
 def judge(drive: Drive, tolerances: Mapping[str, Tolerance]) -> Judged:
@@ -35,13 +30,13 @@ def judge(drive: Drive, tolerances: Mapping[str, Tolerance]) -> Judged:
     """
     stretch = max(drive.stretches, key=lambda stretch: int(stretch.inside.sum()))
     there = stretch.inside.copy()
-    for name in _SIGNALS:
+    for name in GAINS:
         if name in drive.names:
             there &= np.isfinite(stretch.measured[name])
     steering = stretch.steering[there]
     criteria: list[Criterion] = []
     bands: list[ToleranceBand] = []
-    for name, (label, unit, factor) in _SIGNALS.items():
+    for name, (label, unit, factor) in GAINS.items():
         if name not in drive.names:
             continue
         both = [

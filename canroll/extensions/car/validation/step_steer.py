@@ -10,7 +10,7 @@ import numpy as np
 
 from canroll.errors import CanrollError
 from canroll.extensions.car.identification.pieces import SAMPLE
-from canroll.extensions.car.validation.criterion import Criterion, Judged
+from canroll.extensions.car.validation.criterion import GAINS, Criterion, Judged
 from canroll.extensions.car.validation.manoeuvre import Instants, step_instants
 from canroll.extensions.car.validation.replayed import Drive, Stretch
 from canroll.extensions.car.validation.tolerances import Tolerance
@@ -22,11 +22,6 @@ STILL = 0.5
 """Time (s) before the step over which a signal is zeroed."""
 OVERSHOOT = 0.02
 """A smaller overshoot, a share of the steady value, has no peak."""
-_SIGNALS = {
-    "yaw_rate": ("yaw rate", "1/s", 1.0),
-    "lateral_acceleration": ("lateral acceleration", "m/s² per °", float(np.radians(1.0))),
-    "roll": ("roll", "° per °", 1.0),
-}
 
 
 def judge(drive: Drive, tolerances: Mapping[str, Tolerance]) -> Judged:
@@ -49,7 +44,7 @@ def _criteria(
     start = slice(before.start, instants.begin - round(STILL / SAMPLE))
     last = slice(instants.end - round(STEADY / SAMPLE), instants.end)
     step = float(np.mean(stretch.steering[last]) - np.mean(stretch.steering[start]))
-    for name, (label, unit, factor) in _SIGNALS.items():
+    for name, (label, unit, factor) in GAINS.items():
         if name not in drive.names:
             continue
         figures = []

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
@@ -79,7 +79,7 @@ def read(path: Path) -> PlantMap:
         ) from error
     except (OSError, ValueError) as error:
         raise CanrollError(f"{path}: {reason(error)}") from error
-    _known(table, KEYS, path, "key")
+    documents.refuse_unknown(table, KEYS, f"key in {path}")
     inputs = [
         _input(name, value, (*INPUTS, *DERIVED), f"{path}: inputs.{name}")
         for name, value in _table(table, "inputs", path).items()
@@ -88,7 +88,7 @@ def read(path: Path) -> PlantMap:
         replace(_wire(value, f"{path}: outputs.{name}"), quantity=name)
         for name, value in _table(table, "outputs", path).items()
     ]
-    _known([wire.quantity for wire in outputs], OUTPUTS, path, "output")
+    documents.refuse_unknown([its.quantity for its in outputs], OUTPUTS, f"output in {path}")
     missing = sorted(set(REQUIRED) - {wire.quantity for wire in outputs})
     if missing:
         raise CanrollError(
@@ -97,7 +97,7 @@ def read(path: Path) -> PlantMap:
     ignored = table.get("ignored", [])
     if not isinstance(ignored, list) or not all(isinstance(name, str) for name in ignored):
         raise CanrollError(f"{path}: ignored must be a list of names of inputs")
-    _known(ignored, INPUTS, path, "input")
+    documents.refuse_unknown(ignored, INPUTS, f"input in {path}")
     return PlantMap(
         path=path,
         inputs=tuple(inputs),
@@ -113,13 +113,6 @@ def _table(table: Mapping[str, Any], key: str, path: Path) -> Mapping[str, Any]:
     if not isinstance(content, dict):
         raise CanrollError(f"{path}: {key} must be a table, [{key}]")
     return content
-
-
-def _known(names: Iterable[str], known: Iterable[str], path: Path, what: str) -> None:
-    known = tuple(known)
-    for name in names:
-        if name not in known:
-            raise UnknownNameError(f"{what} in {path}", name, known)
 
 
 def _input(variable: str, entry: object, known: Iterable[str], where: str) -> Wire:
@@ -138,9 +131,7 @@ def _wire(entry: object, where: str) -> Wire:
         entry = {"from": entry}
     if not isinstance(entry, dict) or not isinstance(entry.get("from"), str):
         raise CanrollError(f'{where} must be a name, or {{ from = "NAME", unit = … }}')
-    for name in entry:
-        if name not in ("from", "unit", "scale", "offset"):
-            raise UnknownNameError(f"key of {where}", name, ("from", "unit", "scale", "offset"))
+    documents.refuse_unknown(entry, ("from", "unit", "scale", "offset"), f"key of {where}")
     unit = entry.get("unit")
     if unit is not None and (not isinstance(unit, str) or spelt(unit) not in UNITS):
         raise UnknownNameError(f"unit of {where}", str(unit), tuple(UNITS))
@@ -155,14 +146,14 @@ def _wire(entry: object, where: str) -> Wire:
     )
 
 
-def _is_number(value: object) -> bool:
+def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _number(value: object, where: str) -> float:
-    if not _is_number(value) or not math.isfinite(value):  # type: ignore[arg-type]
+    if not _is_number(value) or not math.isfinite(value):
         raise CanrollError(f"{where} must be a finite number, got {value!r}")
-    return float(value)  # type: ignore[arg-type]
+    return float(value)
 
 
 def _start(
