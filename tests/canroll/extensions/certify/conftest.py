@@ -47,3 +47,12 @@ def certified(calibrated):
         two = replace(family, members=family.members[:2])
         patch.setattr(subject, "family_of", lambda _: two)
         return certificate.certify(task, calibration)
+
+
+@pytest.fixture(scope="session")
+def integers(calibrated):
+    """The integers of the calibration that is certified."""
+    pytest.importorskip("flint")
+    from support.certificates import integers_of
+
+    return integers_of(calibrated("hinf_delay"))

@@ -12,6 +12,7 @@ pytest.importorskip("flint")
 
 from flint import fmpq
 from scipy.linalg import expm
+from support.certificates import integers_of
 
 from canroll.errors import CanrollError
 from canroll.extensions.certify import checker, stored_ranges, subject
@@ -36,7 +37,7 @@ from canroll.extensions.certify.claim import (
 from canroll.extensions.certify.coverage import shortfall
 from canroll.extensions.certify.delay_sequence import simulate
 from canroll.extensions.certify.disturbed import disturbances
-from canroll.extensions.certify.subject import INTEGERS, condition_of, resolutions
+from canroll.extensions.certify.subject import condition_of, resolutions
 from firmware.schedule import schedule
 from firmware.state import RX_VEHICLE_MOTION, Ecu
 from gain_gen.analysis.family import family_of
@@ -56,11 +57,16 @@ def parts(calibration):
     """Return the task, the nominal member of the family and the integers."""
     task = task_of(calibration)
     member = family_of(task).members[0]
-    return task, member, {name: getattr(calibration.record, name) for name in INTEGERS}
+    return task, member, integers_of(calibration)
 
 
 def bounds(task, member):
     return (task.delay.least - member.filtered, task.delay.most - member.filtered)
+
+
+def wish_of(calibration, task, member, name=EVERY_TICK, *trigger):
+    resolution = resolutions(task.vehicle, calibration.record, task.resolution)
+    return Wish(name, bounds(task, member), resolution, *trigger)
 
 
 @pytest.fixture(scope="module", params=LAWS)
@@ -68,12 +74,7 @@ def proved(request, calibrated):
     """Calibration and proved claim of the nominal condition."""
     calibration = calibrated(request.param)
     task, member, integers = parts(calibration)
-    wish = Wish(
-        EVERY_TICK,
-        bounds(task, member),
-        resolutions(task.vehicle, calibration.record, task.resolution),
-    )
-    claim = prove(integers, condition_of(member), wish)
+    claim = prove(integers, condition_of(member), wish_of(calibration, task, member))
     assert claim is not None
     return calibration, claim
 
@@ -247,11 +248,7 @@ def test_a_gain_that_destabilises_is_not_proved(calibrated):
     calibration = calibrated("hinf_delay")
     task, member, integers = parts(calibration)
     condition = condition_of(member)
-    wish = Wish(
-        EVERY_TICK,
-        bounds(task, member),
-        resolutions(task.vehicle, calibration.record, task.resolution),
-    )
+    wish = wish_of(calibration, task, member)
     assert prove(integers, condition, wish) is not None
     # three bits more: eight times the gain
     shifted = integers | {"output_gain_shift": integers["output_gain_shift"] - 3}
@@ -276,9 +273,8 @@ def test_a_loop_without_a_gain_is_an_answer(calibrated):
     calibration = calibrated("hinf_delay")
     task, member, integers = parts(calibration)
     condition = condition_of(member)
-    resolution = resolutions(task.vehicle, calibration.record, task.resolution)
     silent = integers | {"output_gain": [0, 0, 0]}
-    wish = Wish(EVERY_TICK, bounds(task, member), resolution)
+    wish = wish_of(calibration, task, member)
     assert prove(silent, condition, wish) is not None
     with np.errstate(divide="raise", invalid="raise"):
         prove(silent, condition, replace(wish, name=TRIGGER, trigger=True))
@@ -341,8 +337,7 @@ def test_the_level_of_a_state_feedback_holds_behind_a_gateway(calibrated, trigge
     """The firmware's own stages on the car under sines of the roll moment, from rest."""
     calibration = calibrated("lqr", Delay(0.0331, 0.0160, 0.0502))
     task, member, integers = parts(calibration)
-    resolution = resolutions(task.vehicle, calibration.record, task.resolution)
-    wish = Wish(LEVEL, bounds(task, member), resolution, trigger)
+    wish = wish_of(calibration, task, member, LEVEL, trigger)
     claim = prove_level(integers, condition_of(member), wish)
     assert claim is not None
     level = math.sqrt(Fraction(claim["weights"][-1]))
@@ -417,8 +412,7 @@ def test_the_roll_model_alone_is_a_condition_beside_the_model_of_the_papers(
     calibration = calibrated("hinf_delay")
     monkeypatch.setattr("gain_gen.analysis.family.family", no_car)
     content = certify(task_of(calibration), calibration).content
-    integers = {name: getattr(calibration.record, name) for name in INTEGERS}
-    claims = list(checker.check(content, integers))[1:]
+    claims = list(checker.check(content, integers_of(calibration)))[1:]
     assert claims[0].startswith("proved: 1-DOF roll model, 80 km/h: every tick: ")
     assert claims[-1].startswith("proved: 1-DOF roll model: level")
 

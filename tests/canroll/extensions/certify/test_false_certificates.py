@@ -11,17 +11,13 @@ import pytest
 
 pytest.importorskip("flint")
 
+from support.certificates import refusal, signed
+
 from canroll.extensions.certify import checker, comparison
 from canroll.extensions.certify.certificate import EVERY_TICK, STEERED, TRIGGER, state
 from canroll.extensions.certify.claim import MOMENT, Wish, prove
-from canroll.extensions.certify.subject import INTEGERS, subject
+from canroll.extensions.certify.subject import subject
 from gain_gen.margin_report import task_of
-
-
-@pytest.fixture(scope="module")
-def integers(calibrated):
-    record = calibrated("hinf_delay").record
-    return {name: getattr(record, name) for name in INTEGERS}
 
 
 @pytest.fixture(scope="module")
@@ -34,11 +30,6 @@ def honest(certified):
     of["claims"] = [claim for claim in of["claims"] if claim["name"] in names]
     content["proved"] = {of["name"]: [claim["name"] for claim in of["claims"]]}
     return signed(content)
-
-
-def signed(content):
-    content["sha256"] = checker.digest(content)
-    return content
 
 
 def with_claims(content, wishes, integers):
@@ -55,14 +46,6 @@ def with_claims(content, wishes, integers):
 def wish_of(content, name=EVERY_TICK, **changes):
     delay = tuple(Fraction(text) for text in content["delay"][:2])
     return Wish(name, delay, content["resolution"], **changes)
-
-
-def refusal(content, integers):
-    try:
-        list(checker.check(content, integers))
-    except Exception as error:
-        return str(error)
-    return ""
 
 
 def test_the_honest_one_is_accepted(honest, integers):

@@ -1,7 +1,6 @@
 """The loop with its limit of moment: judged by simulation, and what the checker must refuse."""
 
 import copy
-from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -11,39 +10,11 @@ pytest.importorskip("flint")
 
 from flint import fmpq
 from scipy.linalg import expm
+from support.certificates import DELAY, RESOLUTION, TICK, floats, integers_of, roll_model
 
-import vehicles
 from canroll.extensions.certify import checker
 from canroll.extensions.certify.certificate import EVERY_TICK, LIMITED, LIMITED_TRIGGER
-from canroll.extensions.certify.claim import Wish, prove, texts
-from canroll.extensions.certify.subject import INTEGERS, READINGS
-from gain_gen.analysis.actuated_car import actuated, roll_car
-
-TICK, DELAY = Fraction(1, 100), (Fraction(4, 1000), Fraction(8, 1000))
-EXACT = ["0"] * 5
-RESOLUTION = ["6000", "21000", "9000", "16000", "16000"]
-
-
-@pytest.fixture(scope="module")
-def integers(calibrated):
-    record = calibrated("hinf_delay").record
-    return {name: getattr(record, name) for name in INTEGERS}
-
-
-def roll_model(damping=1.0):
-    """The roll model with actuator and sensors at 80 km/h, with a factor on its damping."""
-    vehicle = vehicles.load("van_real")
-    model = replace(vehicle.design, roll_damping=damping * vehicle.design.roll_damping)
-    car = actuated(roll_car(model), lag=0.02, sensors=vehicle.sensors)
-    inputs = [car.command / (1 << 14), car.disturbance, *[0 * car.command] * 2]
-    return {
-        "name": f"{checker.MODEL}, 80 km/h",
-        "speed": round(80 / 3.6 * (1 << 20)),
-        "flow": texts(np.hstack([car.a, *inputs])),
-        "readings": texts(car.measured[[0, 1, 3]] * READINGS[:, None]),
-        "roll": texts(car.measured[2]),
-        "claims": [],
-    }
+from canroll.extensions.certify.claim import Wish, prove
 
 
 def wish(name, resolution=RESOLUTION):
@@ -60,10 +31,6 @@ def claims(integers):
         }
     assert all(found.values())
     return found
-
-
-def floats(rows):
-    return np.array([[float(Fraction(text)) for text in row] for row in rows])
 
 
 class Loop:
@@ -229,9 +196,9 @@ def test_what_the_limit_leaves_of_the_output_drives_the_compensator(calibrated):
 
     record = copy.deepcopy(calibrated("steering_lead").record)
     record.slew_max = (1 << 30) - 1
-    integers = {name: getattr(record, name) for name in INTEGERS}
     order = record.compensator_order
     y, past, cut = (checker.variables(kind, size) for kind, size in (("y", 3), ("u", 2), ("a", 1)))
+    integers = integers_of(calibrated("steering_lead"))
     command, inner = checker.controller(integers, 1 << 28, y, past, [], cut=cut)
     ecu = Ecu()
     init(ecu, sealed(record))

@@ -15,6 +15,16 @@ pytest.importorskip("flint")
 
 from flint import fmpq
 from scipy.linalg import expm
+from support.certificates import (
+    DELAY,
+    RESOLUTION,
+    TICK,
+    at,
+    floats,
+    refusal,
+    roll_model,
+    signed,
+)
 
 import vehicles
 from canroll.extensions.certify import checker
@@ -27,13 +37,9 @@ from canroll.extensions.certify.certificate import (
     TRIGGER_LEVEL,
     state,
 )
-from canroll.extensions.certify.claim import MOMENT, Wish, prove, texts
-from canroll.extensions.certify.subject import INTEGERS, READINGS
+from canroll.extensions.certify.claim import MOMENT, Wish, prove
 from canroll.extensions.certify.theorem import theorems
-from gain_gen.analysis.actuated_car import actuated, roll_car
 
-TICK, DELAY = Fraction(1, 100), (Fraction(4, 1000), Fraction(8, 1000))
-RESOLUTION = ["6000", "21000", "9000", "16000", "16000"]
 SOURCE = dict.fromkeys(checker.SOURCE, "of a test")
 NAMES = {"name", "sha256", "format"}
 CHANGES = {
@@ -51,27 +57,6 @@ def _number(value, change):
         return not value
     new = change(Fraction(value))
     return str(new) if isinstance(value, str) else round(new)
-
-
-@pytest.fixture(scope="module")
-def integers(calibrated):
-    record = calibrated("hinf_delay").record
-    return {name: getattr(record, name) for name in INTEGERS}
-
-
-def roll_model(kmh):
-    """The roll model with actuator and sensors, as a condition at a speed."""
-    vehicle = vehicles.load("van_real")
-    car = actuated(roll_car(vehicle.design), lag=0.02, sensors=vehicle.sensors)
-    inputs = [car.command / (1 << 14), car.disturbance, *[0 * car.command] * 2]
-    return {
-        "name": f"{checker.MODEL}, {kmh:.0f} km/h",
-        "speed": round(kmh / 3.6 * (1 << 20)),
-        "flow": texts(np.hstack([car.a, *inputs])),
-        "readings": texts(car.measured[[0, 1, 3]] * READINGS[:, None]),
-        "roll": texts(car.measured[2]),
-        "claims": [],
-    }
 
 
 def certificate(conditions, models=()):
@@ -124,15 +109,6 @@ def several(integers, coarse):
     return certificate([first, second], [model])
 
 
-def refusal(content, integers):
-    """Return why the checker refuses, or "" where it accepts."""
-    try:
-        list(checker.check(content, integers))
-    except Exception as error:
-        return repr(error)
-    return ""
-
-
 def nodes(node, path=()):
     """Yield all dictionaries and lists with their paths."""
     yield path, node
@@ -156,17 +132,6 @@ def replaced(content, path, new):
     return mutated
 
 
-def at(content, path):
-    for key in path:
-        content = content[key]
-    return content
-
-
-def signed(content):
-    content["sha256"] = checker.digest(content)
-    return content
-
-
 def leaves(node, path=()):
     """Yield the paths to all numbers."""
     for key, value in node.items() if isinstance(node, dict) else enumerate(node):
@@ -174,10 +139,6 @@ def leaves(node, path=()):
             yield from leaves(value, (*path, key))
         elif path[:1] not in {("source",), ("proved",)} and key not in NAMES:
             yield (*path, key)
-
-
-def floats(rows):
-    return np.array([[float(Fraction(text)) for text in row] for row in rows])
 
 
 def one(text):

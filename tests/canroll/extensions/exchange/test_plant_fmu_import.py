@@ -8,13 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("fmpy", reason="fmpy is not installed: pip install 'canroll[fmi]'")
-from codegen.run import native
-
-if native.compiler() is None:
-    pytest.skip("no C compiler: apt-get install gcc", allow_module_level=True)
-
 from fmpy.validation import validate_fmu
 from support.foreign_fmu import write_fmu, write_map
 

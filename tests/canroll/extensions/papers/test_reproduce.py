@@ -47,28 +47,20 @@ def row(printed_value, recomputed, group="g", *, ours=1.0, **more):
     return PaperRow("p", "t", "r", "q", printed_value, recomputed, ours, group, "because", **more)
 
 
-def verdicts(*rows):
-    return [found.verdict for found in judged(rows)]
-
-
-def test_within_the_tolerance_is_reproduced():
-    assert verdicts(row(2.0, 2.19), row(4.0, 3.61)) == [REPRODUCED, REPRODUCED]
-
-
-def test_further_off_but_in_order():
-    assert verdicts(row(2.0, 3.0), row(4.0, 4.1)) == [SAME_ORDERING, REPRODUCED]
-
-
-def test_out_of_order():
-    assert verdicts(row(2.0, 5.0), row(4.0, 4.1)) == [NOT_REPRODUCIBLE, REPRODUCED]
-
-
-def test_printed_ties_have_no_order():
-    assert verdicts(row(2.0, 3.0), row(2.01, 2.5)) == [SAME_ORDERING, SAME_ORDERING]
-
-
-def test_groups_are_apart():
-    assert verdicts(row(2.0, 5.0, "a"), row(4.0, 4.1, "b"))[0] == SAME_ORDERING
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        ([(2.0, 2.19), (4.0, 3.61)], [REPRODUCED, REPRODUCED]),
+        ([(2.0, 3.0), (4.0, 4.1)], [SAME_ORDERING, REPRODUCED]),
+        ([(2.0, 5.0), (4.0, 4.1)], [NOT_REPRODUCIBLE, REPRODUCED]),
+        # printed ties have no order
+        ([(2.0, 3.0), (2.01, 2.5)], [SAME_ORDERING, SAME_ORDERING]),
+        # groups are apart
+        ([(2.0, 5.0, "a"), (4.0, 4.1, "b")], [SAME_ORDERING, REPRODUCED]),
+    ],
+)
+def test_a_number_is_met_or_in_the_order_of_its_group_or_not(rows, expected):
+    assert [found.verdict for found in judged([row(*each) for each in rows])] == expected
 
 
 def test_a_fitted_number_is_never_reproduced():
@@ -104,7 +96,8 @@ def test_the_largest_step_towards_ours():
     [(0.3, NOT_REPRODUCIBLE), (-30.0, NOT_REPRODUCIBLE), (10.0, SAME_ORDERING), (28, REPRODUCED)],
 )
 def test_a_number_on_its_own_needs_its_sign_and_size(theirs, verdict):
-    assert verdicts(row(27.8, theirs, "")) == [verdict]
+    (found,) = judged([row(27.8, theirs, "")])
+    assert found.verdict == verdict
 
 
 def test_reasons_stand_where_they_are_needed():

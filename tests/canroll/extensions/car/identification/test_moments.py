@@ -129,21 +129,20 @@ def test_a_command_alone_acts_through_the_other_axles_actuator_else_through_the_
             "it has nothing to do with its command",
         ),
         ({"commanded_force_rear_left": COMMAND}, "the force of the other side is missing"),
+        (
+            {"kind": "suspension", "delivered_front": COMMAND},
+            "--actuator suspension: no axle has commanded and",
+        ),
+        (
+            {"kind": "bars", "commanded_force_rear_left": COMMAND},
+            "--actuator bars, but it has commanded corner forces",
+        ),
     ],
 )
 def test_moments_that_cannot_be_an_actuators_are_refused(signals, message):
+    values = {name: values for name, values in signals.items() if name != "kind"}
     with pytest.raises(CanrollError, match=message):
-        moments(log_of(**signals), VAN)
-
-
-def test_a_kind_of_actuator_that_no_moment_tells_of_is_refused():
-    with pytest.raises(CanrollError, match="--actuator suspension: no axle has commanded and"):
-        moments(log_of(delivered_front=COMMAND), VAN, "suspension")
-
-
-def test_bars_have_no_corner_forces():
-    with pytest.raises(CanrollError, match="--actuator bars, but it has commanded corner forces"):
-        moments(log_of(commanded_force_rear_left=COMMAND), VAN, "bars")
+        moments(log_of(**values), VAN, signals.get("kind", ""))
 
 
 @pytest.mark.parametrize(

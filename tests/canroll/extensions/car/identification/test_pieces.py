@@ -17,13 +17,17 @@ TIME = 0.01 * np.arange(1000)
 USUAL = (*INPUTS, *MOTION)
 
 
-def log_of(time=TIME, **channels):
-    """A log with sines of 0.5 Hz in all signals but the speed of 20 m/s."""
-    wave = np.sin(np.pi * TIME)
-    values = {name: wave for name in USUAL} | {"speed": np.full(TIME.size, 20.0)} | channels
+def logged(time, usual, **channels):
+    """A log at times (s) of ``usual`` in all signals but a speed of 20 m/s, and those given."""
+    values = {name: usual for name in USUAL} | {"speed": np.full(time.size, 20.0)} | channels
     return Log(
         "drive.csv", {name: Channel(SignalChoice(name), time, v) for name, v in values.items()}
     )
+
+
+def log_of(time=TIME, **channels):
+    """A log with sines of 0.5 Hz in all signals but the speed of 20 m/s."""
+    return logged(time, np.sin(np.pi * TIME), **channels)
 
 
 def test_a_whole_log_is_one_piece_whose_first_second_does_not_count():
@@ -36,13 +40,7 @@ def test_a_whole_log_is_one_piece_whose_first_second_does_not_count():
 
 def test_a_gap_cuts_the_log():
     kept = (TIME < 4.0) | (TIME > 4.5)
-    wave = np.sin(np.pi * TIME)[kept]
-    values = {name: wave for name in USUAL} | {"speed": np.full(wave.size, 20.0)}
-    log = Log(
-        "drive.csv",
-        {name: Channel(SignalChoice(name), TIME[kept], v) for name, v in values.items()},
-    )
-    parts, remarks = pieces(log, Window())
+    parts, remarks = pieces(logged(TIME[kept], np.sin(np.pi * TIME)[kept]), Window())
     assert [(part.begin, round(part.time[-1], 2)) for part in parts] == [
         (0.0, 3.99),
         (pytest.approx(4.51), pytest.approx(9.99)),
@@ -75,11 +73,8 @@ def test_outliers_are_left_out_and_named():
 def slowly(rate, **channels):
     """A log of straight driving, at ``rate`` (Hz), but for the signals given over time."""
     time = np.arange(round(20.0 * rate)) / rate
-    values = {name: np.zeros(time.size) for name in USUAL} | {"speed": np.full(time.size, 20.0)}
-    values |= {name: signal(time) for name, signal in channels.items()}
-    return Log(
-        "drive.csv", {name: Channel(SignalChoice(name), time, v) for name, v in values.items()}
-    )
+    signals = {name: signal(time) for name, signal in channels.items()}
+    return logged(time, np.zeros(time.size), **signals)
 
 
 @pytest.mark.parametrize("rate", [10.0, 25.0, 100.0])
@@ -133,11 +128,7 @@ def test_too_little_is_refused():
 def test_fast_signals_are_means_over_a_sample():
     time = 0.001 * np.arange(10000)
     noise = np.random.default_rng(1).standard_normal(time.size)
-    values = {name: noise for name in USUAL} | {"speed": np.full(time.size, 20.0)}
-    log = Log(
-        "drive.csv", {name: Channel(SignalChoice(name), time, v) for name, v in values.items()}
-    )
-    (piece,), _ = pieces(log, Window())
+    (piece,), _ = pieces(logged(time, noise), Window())
     assert np.std(piece.measured[10:-10]) == pytest.approx(np.sqrt(0.1), rel=0.15)
 
 

@@ -16,36 +16,32 @@ def told(minima, *, white):
     return list(_searched(minima, (agreement,)))
 
 
-def test_a_best_minimum_that_no_other_search_confirms_is_doubted():
-    """A log of known truth: the search that found it ended at a cost of 113.1."""
-    (line,) = told((860.1, 627.7, 15103.5), white=False)
-    assert line.startswith("the fit did not converge to the noise")
+WORSE = "{} of 3 searches ended in a worse minimum: the best is taken"
+
+
+@pytest.mark.parametrize(
+    ("minima", "white", "lines"),
+    [
+        # of a log of known truth: the search that found it ended at a cost of 113.1
+        ((860.1, 627.7, 15103.5), False, ["the fit did not converge to the noise"]),
+        # a search alone is confirmed by noise only
+        ((627.7,), False, ["the fit did not converge to the noise"]),
+        ((627.7,), True, []),
+        ((860.1, 627.7, 113.1), True, [WORSE.format(2)]),
+        # another search confirms it
+        ((860.1, 627.7, 628.9), False, [WORSE.format(1)]),
+        ((627.7, 628.9), False, []),
+    ],
+)
+def test_a_best_minimum_is_confirmed_by_noise_or_by_another_search(minima, white, lines):
+    found = told(minima, white=white)
+    assert [text.partition(": the residuals")[0] for text in found] == lines
 
 
 def test_the_advice_is_one_round_of_as_many_searches_as_there_were():
     """Of which there are up to four times as many again."""
     (line,) = told(tuple(100.0 * 2.0**k for k in range(12)), white=False)
     assert line.endswith("give --starts 12")
-
-
-def test_a_search_alone_is_confirmed_by_noise_only():
-    (line,) = told((627.7,), white=False)
-    assert line.startswith("the fit did not converge to the noise")
-    assert told((627.7,), white=True) == []
-
-
-def test_noise_confirms_a_minimum():
-    (line,) = told((860.1, 627.7, 113.1), white=True)
-    assert line == "2 of 3 searches ended in a worse minimum: the best is taken"
-
-
-def test_another_search_confirms_a_minimum():
-    (line,) = told((860.1, 627.7, 628.9), white=False)
-    assert line == "1 of 3 searches ended in a worse minimum: the best is taken"
-
-
-def test_searches_that_agree_say_nothing():
-    assert told((627.7, 628.9), white=False) == []
 
 
 @pytest.mark.parametrize(

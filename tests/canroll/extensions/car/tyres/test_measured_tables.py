@@ -114,8 +114,3 @@ def test_what_is_no_table_is_refused_in_one_line(table, lines, message):
     with pytest.raises(CanrollError, match=message) as caught:
         table(*lines)
     assert "\n" not in str(caught.value)
-
-
-def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(CanrollError, match=r"cannot read .*no\.csv"):
-        read(tmp_path / "no.csv", "iso")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import vehicles
-from canroll.errors import CanrollError, UnknownNameError, VerdictError
+from canroll.errors import CanrollError, VerdictError
 from canroll.extensions.car.identification.pieces import Window
 from canroll.extensions.car.identification.unknowns import value_of
 from canroll.extensions.car.validation.manoeuvre import recognised
@@ -108,8 +108,6 @@ def test_the_manoeuvre_can_be_named_and_a_wrong_one_is_refused():
     for name in ("step_steer", "sine_with_dwell"):
         with pytest.raises(CanrollError, match="choose another --manoeuvre"):
             validate(log, car(), ValidationSettings(manoeuvre=name))
-    with pytest.raises(UnknownNameError, match="steady_circle"):
-        ValidationSettings(manoeuvre="steady_circl")
 
 
 def test_several_manoeuvres_in_one_log_are_free_driving():
@@ -133,8 +131,6 @@ def test_limits_are_those_that_are_set():
     failed = validate(log, other, ValidationSettings(explained=strict)).failures
     assert len(failed) == 1
     assert failed[0].startswith("roll: ")
-    with pytest.raises(CanrollError, match=r"--rating 1\.2: must be 0 to 1"):
-        ValidationSettings(rating=1.2)
 
 
 def test_tolerances_are_read_or_refused():
@@ -145,8 +141,6 @@ def test_tolerances_are_read_or_refused():
     for text in ("x", "0.1:y", "-1:0", "0:0", "nan", "inf"):
         with pytest.raises(CanrollError, match=r"--tolerance time="):
             with_choices({"time": text})
-    with pytest.raises(UnknownNameError, match=r"circle\.roll"):
-        with_choices({"circle.rol": "1"})
 
 
 def test_offsets_of_straight_driving_and_of_a_fit_are_taken_off(tmp_path):
@@ -165,8 +159,6 @@ def test_offsets_of_straight_driving_and_of_a_fit_are_taken_off(tmp_path):
     fitted = of_fit(path)
     assert fitted.delays == {"roll": 0.03}
     assert validate(log, car(), ValidationSettings(), Measurement(0.1, offsets)).passed
-    with pytest.raises(CanrollError, match="no steering-wheel angle from 5"):
-        zeroed(log_of({"steering": np.zeros(9), "roll": np.zeros(9)}), Window(5.0, 6.0))
 
 
 @pytest.mark.parametrize("text", ["", "{}", '{"numbers": [1]}', '{"numbers": []}'])

@@ -5,8 +5,6 @@ import zipfile
 
 import pytest
 
-pytest.importorskip("fmpy", reason="fmpy is not installed: pip install 'canroll[fmi]'")
-
 from canroll.errors import CanrollError
 from canroll.extensions.exchange.fmi import description
 from canroll.extensions.exchange.fmi.map_file import PlantMap

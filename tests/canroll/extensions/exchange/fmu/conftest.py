@@ -4,13 +4,9 @@ import numpy as np
 import pytest
 
 from canroll.extensions.exchange.fmu import ecu
-from codegen.run import ecu_traffic, memory_image, native
+from codegen.run import ecu_traffic, memory_image
 from codegen.run.bus_firmware import built_in
 from firmware.calibration import Calibration
-
-pytest.importorskip("fmpy", reason="fmpy is not installed: pip install 'canroll[fmi]'")
-if native.compiler() is None:
-    pytest.skip("no C compiler: apt-get install gcc", allow_module_level=True)
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,6 @@ from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 from support.fmus import importer, transmit
 
-from canroll.errors import CanrollError
 from canroll.extensions.exchange.fmu import ecu
 from codegen.run import ecu_traffic, native
 from codegen.run.bus_firmware import built_in
@@ -156,8 +155,3 @@ def test_broken_operations_are_refused(can_ecu):
 def test_the_same_export_gives_the_same_bytes(can_ecu, calibration, tmp_path):
     ecu.write(tmp_path / "again.fmu", built_in(), calibration, title="ECU of a test")
     assert (tmp_path / "again.fmu").read_bytes() == can_ecu.read_bytes()
-
-
-def test_no_folder_is_refused(calibration, tmp_path):
-    with pytest.raises(CanrollError, match="cannot write"):
-        ecu.write(tmp_path / "none" / "x.fmu", built_in(), calibration, title="")

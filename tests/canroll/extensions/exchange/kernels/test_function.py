@@ -1,8 +1,5 @@
 """What kernels compute once they compute once in C, or they are refused."""
 
-import ctypes
-import subprocess
-
 import numpy as np
 import pytest
 
@@ -11,7 +8,6 @@ from canroll.extensions.exchange.kernels.translate import Translator
 from plant_sim.kernels.jit import njit
 
 VECTOR = ArrayKind(np.dtype(np.float64), (4,))
-POINTER = ctypes.POINTER(ctypes.c_double)
 
 
 @njit
@@ -91,16 +87,8 @@ def _pure(v, x):
 
 
 @pytest.mark.parametrize("kernel", [_chain, _filled, _listed, _pure])
-def test_a_kernel_is_the_same_in_c(kernel, tmp_path):
-    translator = Translator("test_")
-    prototype = translator.entry(kernel, (VECTOR, FLOAT), "run")
-    (tmp_path / "kernels.h").write_text(translator.header([prototype]))
-    (tmp_path / "kernels.c").write_text(translator.text())
-    build = ["cc", "-O2", "-ffp-contract=off", "-shared", "-fPIC", "-o", "kernels.so"]
-    subprocess.run([*build, "kernels.c", "-lm"], cwd=tmp_path, check=True)
-    function = ctypes.CDLL(str(tmp_path / "kernels.so")).run
-    function.restype, function.argtypes = None, (POINTER, ctypes.c_double)
+def test_a_kernel_is_the_same_in_c(kernel, compiled):
     here, there = (np.array([0.5, 1.0, 2.0, 3.0]) for _ in range(2))
     getattr(kernel, "py_func", kernel)(here, 0.25)
-    function(there.ctypes.data_as(POINTER), 0.25)
+    compiled(kernel, (VECTOR, FLOAT))(there, 0.25)
     assert here.tolist() == there.tolist()

@@ -1,19 +1,16 @@
 """A kernel that reads its parameters by name, and chooses by them, is the same in C."""
 
 import ctypes
-import subprocess
 
 import numpy as np
 import pytest
 
 from canroll.extensions.exchange.kernels.kinds import FLOAT, ArrayKind
-from canroll.extensions.exchange.kernels.translate import Translator
 from plant_sim.bodies import tyre
 from plant_sim.kernels.jit import inlined, njit, record_of
 
 AXLE = np.dtype([("spring", "f8"), ("tyre_model", "f8"), ("tyre", "f8", (tyre.ROOM,))])
 CAR = np.dtype([("mass", "f8"), ("load", "f8", (2,)), ("axle", AXLE, (2,))])
-POINTER = ctypes.POINTER(ctypes.c_double)
 _car_of = record_of(CAR)
 
 
@@ -40,23 +37,9 @@ def _summed(parameters, slip):
     return total
 
 
-@pytest.fixture(scope="module")
-def in_c(tmp_path_factory):
-    translator = Translator("test_")
+def test_each_axle_has_the_tyre_of_its_number(compiled):
     vector = ArrayKind(np.dtype(np.float64), (CAR.itemsize // 8,))
-    prototype = translator.entry(_summed, (vector, FLOAT), "summed")
-    folder = tmp_path_factory.mktemp("kernel")
-    (folder / "kernels.h").write_text(translator.header([prototype]))
-    (folder / "kernels.c").write_text(translator.text())
-    library = folder / "kernels.so"
-    build = ["cc", "-O2", "-ffp-contract=off", "-shared", "-fPIC", "-o", library]
-    subprocess.run([*build, folder / "kernels.c", "-lm"], check=True)
-    function = ctypes.CDLL(str(library)).summed
-    function.restype, function.argtypes = ctypes.c_double, (POINTER, ctypes.c_double)
-    return function
-
-
-def test_each_axle_has_the_tyre_of_its_number(in_c):
+    in_c = compiled(_summed, (vector, FLOAT), ctypes.c_double)
     record = np.zeros(1, CAR)
     car = record[0]
     car["mass"], car["load"] = 10.0, (3000.0, 4000.0)
@@ -69,4 +52,4 @@ def test_each_axle_has_the_tyre_of_its_number(in_c):
         soft = 7.0 * slip + 2.0 * 5.0 * 0.1 * 0.8 + 4.0 * -0.1 * 0.2 * 4000.0
         ahead, aside, _ = tyre._forces_of(car["axle"][0], 3000.0, slip, 0.1, 0.2, 0.8, -1.0)
         assert found == pytest.approx(10.0 + 2.0 * (ahead + 2.0 * aside) + 3.0 * soft, rel=1e-12)
-        assert in_c(parameters.ctypes.data_as(POINTER), slip) == found
+        assert in_c(parameters, slip) == found

@@ -1,21 +1,17 @@
 """The tyres of files are the same in C, where their kernel is called without an address."""
 
-import ctypes
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from canroll.extensions.exchange.kernels.kinds import FLOAT, ArrayKind
-from canroll.extensions.exchange.kernels.translate import Translator
 from plant_sim.bodies import tyre
 from plant_sim.kernels.jit import njit, record_of
 from vehicles.tyres import tir
 from vehicles.tyres.magic_formula import MagicFormula
 
 AXLE = np.dtype([("tyre_model", "f8"), ("tyre", "f8", (tyre.ROOM,))])
-POINTER = ctypes.POINTER(ctypes.c_double)
 TYRES = Path(__file__).parents[4] / "vehicles" / "tyres"
 _axle_of = record_of(AXLE)
 
@@ -27,24 +23,10 @@ def _forces(parameters, slips, hand):
     slips[0], slips[1], slips[2] = ahead, aside, aligning
 
 
-@pytest.fixture(scope="module")
-def in_c(tmp_path_factory):
-    translator = Translator("test_")
-    vectors = [ArrayKind(np.dtype(np.float64), (size,)) for size in (AXLE.itemsize // 8, 3)]
-    prototype = translator.entry(_forces, (*vectors, FLOAT), "forces")
-    folder = tmp_path_factory.mktemp("kernel")
-    (folder / "kernels.h").write_text(translator.header([prototype]))
-    (folder / "kernels.c").write_text(translator.text())
-    library = folder / "kernels.so"
-    build = ["cc", "-O2", "-ffp-contract=off", "-shared", "-fPIC", "-o", library]
-    subprocess.run([*build, folder / "kernels.c", "-lm"], check=True)
-    function = ctypes.CDLL(str(library)).forces
-    function.restype, function.argtypes = None, (POINTER, POINTER, ctypes.c_double)
-    return function
-
-
 @pytest.mark.parametrize("name", ["passenger_52", "passenger_62"])
-def test_a_tyre_of_a_file_is_the_same_in_c(in_c, name):
+def test_a_tyre_of_a_file_is_the_same_in_c(compiled, name):
+    vectors = [ArrayKind(np.dtype(np.float64), (size,)) for size in (AXLE.itemsize // 8, 3)]
+    in_c = compiled(_forces, (*vectors, FLOAT))
     record = np.zeros(1, AXLE)
     tyre.fill(record[0], MagicFormula.of(tir.read(TYRES / f"{name}.tir")))
     parameters = record.view(np.float64)
@@ -52,6 +34,6 @@ def test_a_tyre_of_a_file_is_the_same_in_c(in_c, name):
         for hand in (1.0, -1.0):
             here, there = np.array(slips), np.array(slips)
             _forces(parameters, here, hand)
-            in_c(*(v.ctypes.data_as(POINTER) for v in (parameters, there)), hand)
+            in_c(parameters, there, hand)
             assert np.abs(here).max() > 1.0
             np.testing.assert_allclose(there, here, rtol=1e-12)

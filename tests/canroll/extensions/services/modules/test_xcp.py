@@ -143,11 +143,7 @@ def test_the_page_that_runs_is_what_the_loop_obeys(tool):
     commanding(tool)
     change(tool, "heartbeat_ticks", 2, 0, 0, 0)
     assert tool.ask(xcp.SET_CAL_PAGE, 3, 0, 1) == OK
-    sent = [len(tool.ecu.run(1)) > 0 for _ in range(8)]
-    record = ecu_traffic.random_calibration(3)
-    record.heartbeat_ticks = 2
-    record.status_ticks = 10_000
-    assert any(sent)
+    assert any([len(tool.ecu.run(1)) > 0 for _ in range(8)])
     assert tool.ecu.state.since_sent <= 2
 
 
