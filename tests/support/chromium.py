@@ -1,6 +1,5 @@
 """A page in headless Chromium, driven over the DevTools protocol."""
 
-import base64
 import json
 import shutil
 import subprocess
@@ -29,7 +28,9 @@ FLAGS = [
     "--hide-scrollbars",
     "--remote-debugging-port=0",
 ]
+COMPLAINTS = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
 PATIENCE = 1800.0
+PHONE = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
 
 
 class ProtocolError(Exception):
@@ -44,6 +45,7 @@ class Tab:
         self._calls = 0
         self.errors: list[dict[str, Any]] = []
         self.call("Runtime.enable")
+        self.call("Log.enable")
 
     def call(self, method: str, **parameters: object) -> dict[str, Any]:
         """Call a method of the protocol and return its result."""
@@ -52,8 +54,8 @@ class Tab:
         self._socket.send(json.dumps(call))
         while True:
             answer = json.loads(self._socket.recv(PATIENCE))
-            if answer.get("method") == "Runtime.exceptionThrown":
-                self.errors.append(answer["params"]["exceptionDetails"])
+            if answer.get("method") in COMPLAINTS:
+                self.errors.append(answer["params"])
             if answer.get("id") == self._calls:
                 if "error" in answer:
                     raise ProtocolError(answer["error"])
@@ -85,12 +87,6 @@ class Tab:
         """Go to an address and wait until its scripts have run."""
         self.call("Page.navigate", url=url)
         self.wait_for(f"location.href === {json.dumps(url)} && document.readyState === 'complete'")
-
-    def reload(self) -> None:
-        """Load the page again and wait until its scripts have run."""
-        self.ask("window.isOld = true")
-        self.call("Page.reload")
-        self.wait_for("!window.isOld && document.readyState === 'complete'")
 
     def hover(self, selector: str, share: float = 0.5) -> None:
         """Move the mouse onto an element, to a share of its width."""
@@ -136,10 +132,20 @@ class Tab:
         )
         return left + width * share, top + height / 2
 
-    def picture(self, path: Path) -> None:
-        """Write what the whole page looks like."""
-        taken = self.call("Page.captureScreenshot", captureBeyondViewport=True)
-        Path(path).write_bytes(base64.b64decode(taken["data"]))
+
+@contextmanager
+def shown(path: Path, *calls: tuple[str, dict[str, Any]]) -> Iterator[Tab]:
+    """Show a page, after calls of methods of the protocol, once its scripts are done."""
+    with tab() as browser:
+        for method, parameters in calls:
+            browser.call(method, **parameters)
+        browser.open(f"file://{path}")
+        browser.wait_for("document.body.dataset.ready")
+        yield browser
+        assert browser.errors == []
+
+
+ON_A_PHONE = ("Emulation.setDeviceMetricsOverride", PHONE)
 
 
 @contextmanager

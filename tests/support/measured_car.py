@@ -23,8 +23,6 @@ EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "bmw_m8"
 DRIVE = EXAMPLE / "double_lane_change.csv"
 MANOEUVRE = Window(9.3, 15.6)
 FIRST, SECOND = Window(9.3, 12.45), Window(12.45, 15.6)
-STRAIGHT = Window(8.5, 9.3)
-"""Before the manoeuvre: what moves the car here is the road."""
 
 UNITS = (("°/s", np.degrees(1.0)), ("m/s²", 1.0), ("°/s", np.degrees(1.0)), ("°", np.degrees(1.0)))
 

@@ -2,7 +2,7 @@
 
 The search is that of ``canroll fit``; what differs is
 what is unknown: one delay of the steering instead of one of each signal, and for checks the share
-of gravity in the lateral acceleration and a crossfall of the road.
+of gravity in the lateral acceleration.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ from canroll.extensions.car.identification.output_error import (
     search,
     weights,
 )
-from canroll.extensions.car.identification.pieces import SAMPLE, Piece, Window
+from canroll.extensions.car.identification.pieces import Piece, Window
 from canroll.extensions.car.identification.unknowns import STEERING_OFFSET, Unknown, offset_key
 from canroll.typing import Vector
 from vehicles import Vehicle
@@ -42,8 +42,6 @@ ROLL_OFFSET = offset_key("roll")
 """Measured roll (rad) of a car that does not roll: the unit's own, and the road's bank."""
 GRAVITY_SHARE = "log.gravity_share"
 """Share of g sin(roll) in the lateral acceleration: 0 if it is horizontal, 1 along the body."""
-CROSSFALL = "log.crossfall"
-"""Change of the road's bank per metre to the left (rad/m)."""
 
 
 def _unknown(key: str, prior: tuple[float, float, float, float], source: str = "") -> Unknown:
@@ -74,8 +72,7 @@ UNKNOWNS = (
     _unknown(ROLL_OFFSET, (0.0, 0.01, -0.03, 0.03)),
 )
 OF_GRAVITY = _unknown(GRAVITY_SHARE, (0.5, 10.0, -50.0, 50.0))
-OF_CROSSFALL = _unknown(CROSSFALL, (0.0, 0.01, -0.05, 0.05))
-"""Further unknowns, to find out what the unit gives and what the road does."""
+"""A further unknown, to find out what the unit gives."""
 
 
 def observed(
@@ -96,19 +93,9 @@ def observed(
     yaw, lateral, roll_rate, roll = (
         replay.sampled(record, columns[name], piece, early) for name in piece.names
     )
-    bank = mounting.get(CROSSFALL, 0.0) * _to_the_left(record, piece)
-    roll = roll + mounting.get(ROLL_OFFSET, 0.0) + bank
+    roll = roll + mounting.get(ROLL_OFFSET, 0.0)
     lateral = lateral + mounting.get(GRAVITY_SHARE, 0.0) * GRAVITY * np.sin(roll)
-    return np.column_stack((yaw, lateral, roll_rate + np.gradient(bank, SAMPLE), roll))
-
-
-def _to_the_left(record: NDArray[np.float64], piece: Piece) -> Vector:
-    """Return how far to the left of its first heading the car is at each sample (m)."""
-    course = replay.ROW * np.cumsum(record[:, replay.YAW]) + record[:, replay.SIDESLIP]
-    at = replay.ROW * np.arange(len(record))
-    speed = np.interp(at, SAMPLE * np.arange(len(piece.speed)), piece.speed)
-    left = replay.ROW * np.cumsum(speed * np.sin(course))
-    return np.asarray(np.interp(SAMPLE * np.arange(len(piece.speed)), at, left))
+    return np.column_stack((yaw, lateral, roll_rate, roll))
 
 
 def steered(vehicle: Vehicle, piece: Piece, mounting: Mapping[str, float]) -> NDArray[np.float64]:

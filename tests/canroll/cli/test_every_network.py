@@ -2,15 +2,16 @@
 
 from pathlib import Path
 
-import can
 import cantools
+import numpy as np
 import pytest
 from support.hostile_samples import ARXML
 
 from canroll.cli.main import main
+from canroll.runs.logs import write_log
 from codegen.run.cortex import has_pip_tools
-from plant_sim.can_bus import advance, build_network, drain
-from plant_sim.can_bus.simulation.response_times import traffic_spec
+from plant_sim.can_bus import build_network
+from plant_sim.can_bus.simulation.response_times import delivered, traffic_spec
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 OWN = Path(__file__).parents[3] / "examples" / "own_bus"
@@ -128,20 +129,7 @@ def record(path):
     """A log of two messages of others."""
     messages = [BusMessage(f"m{k}", 0x500 + k, 8, (10 + 3 * k) * MS, f"n{k}") for k in range(6)]
     network = build_network(traffic_spec(messages, bitrate=500_000, seed=3))
-    cursor = 0
-    with can.Logger(str(path)) as logger:
-        for now in range(100, 3001, 100):
-            advance(network, now * MS)
-            entries, cursor, _ = drain(network, cursor)
-            for entry in entries:
-                logger(
-                    can.Message(
-                        timestamp=1.7e9 + entry["t_received"] * 1e-9,
-                        arbitration_id=int(entry["ident"]),
-                        is_extended_id=False,
-                        data=bytes(entry["payload"][:8]),
-                    )
-                )
+    write_log(path, np.concatenate([*delivered(network, 3000 * MS)]))
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 import json
 
 import pytest
-from support.bundles import make
 
 from canroll.cli import export_c, prove, timing
 from canroll.cli.main import parse
@@ -14,12 +13,6 @@ pytestmark = [
     pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler"),
     pytest.mark.skipif(not cortex.has_pip_tools(), reason="needs canroll[target]"),
 ]
-
-
-def test_half_a_bus_is_refused(tmp_path):
-    args = parse(["export-c", str(tmp_path), "--dbc", "own.dbc"])
-    with pytest.raises(CanrollError, match="--dbc and --map require each other"):
-        export_c.run(args)
 
 
 @pytest.mark.slow
@@ -151,20 +144,3 @@ def test_timing_of_specialised_firmware_counts_the_same_authentication(capsys):
     assert special["authentication_instructions"] == general["authentication_instructions"]
     assert special["instructions"]["mean"] < 0.8 * general["instructions"]["mean"]
     assert special["bytes"]["state"] == general["bytes"]["state"]
-
-
-@pytest.mark.long
-def test_the_specialised_loop_is_exported_with_its_authentication(tmp_path, capsys):
-    out = tmp_path / "out"
-    words = ("export-c", str(out), "--bus", "secured_fd", "--law", "lqr", "--specialise")
-    assert export_c.run(parse(words)) == 0
-    assert "specialised for the one calibration" in (out / "README.md").read_text()
-    result = make(out, "test")
-    assert result.returncode == 0, result.stderr
-    assert "warning" not in result.stderr
-    assert result.stdout.count("PASS") == 3
-
-
-def test_the_host_runs_no_specialised_firmware():
-    with pytest.raises(CanrollError, match="--specialise: --hil runs on this machine"):
-        timing.run(parse(["timing", "--hil", "--specialise"]))

@@ -116,6 +116,7 @@ def test_limit_of_the_fishhook_rises_with_control(capsys):
         ("limit fishhook --speed 60", "--speed: it belongs to canroll handling response"),
         ("limit fishhook --tolerance 0", "tolerance"),
         ("limit", "limit needs a manoeuvre: canroll handling limit SCENARIO"),
+        ("limit roundabout", "roundabout has no pass criterion"),
         ("circle moose", "moose: canroll handling circle drives its own manoeuvre"),
         ("circle --vehicle vna_real", "did you mean 'van_real'"),
         ("circle --radius 3", "--radius must be at least 20 m"),

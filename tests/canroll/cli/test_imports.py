@@ -38,6 +38,7 @@ def ours(modules):
     return [name for name in modules if name.split(".")[0] in OURS]
 
 
+LISTS = ("laws", "vehicles", "scenarios", "buses", "bodies")
 NUMBERS = {"numba", "scipy", "cvxpy", "clarabel", "matplotlib"}
 
 
@@ -45,7 +46,7 @@ NUMBERS = {"numba", "scipy", "cvxpy", "clarabel", "matplotlib"}
     ("words", "never", "most"),
     [
         (["--help"], {*NUMBERS, "numpy", "can", "rich", "canroll.setup"}, 10),
-        (["list", "laws"], {*NUMBERS, "numpy", "can", "rich"}, 60),
+        *((["list", kind], {*NUMBERS, "can", "rich"}, 70) for kind in LISTS),
         (["prove", "--help"], {*NUMBERS, "numpy", "can", "rich"}, 60),
         (
             ["bus", "500k", "--simulate", "0"],

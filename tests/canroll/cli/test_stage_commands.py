@@ -3,10 +3,10 @@
 import json
 import re
 import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
+from support.bundles import make
 
 from canroll.cli.main import main
 from canroll.runs.experiment import plan
@@ -120,9 +120,7 @@ def test_the_bundle_has_it_and_passes_its_vectors(calibration, tmp_path):
     assert (tmp_path / "stage" / "progressive.py").read_text() == EXAMPLE.read_text()
     assert "stage/progressive.py" in (tmp_path / "README.md").read_text()
     assert "ecu.swing" in (tmp_path / "canroll.a2l").read_text()
-    command = ["make", "-C", tmp_path, "test"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True)
-    assert "PASS" in done.stdout
+    assert "PASS" in make(tmp_path, "test").stdout
 
 
 @pytest.mark.slow
@@ -169,9 +167,7 @@ def test_code_for_one_calibration_has_it_too(calibration, tmp_path):
     assert main(words) == 0
     assert "translated to `src/canroll_ecu.c`" in (tmp_path / "README.md").read_text()
     assert "swing" in (tmp_path / "src" / "canroll_ecu.c").read_text()
-    command = ["make", "-C", tmp_path, "test"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True)
-    assert done.stdout.count("PASS") == 2
+    assert make(tmp_path, "test").stdout.count("PASS") == 2
 
 
 STAGE = """

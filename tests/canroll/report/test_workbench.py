@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cantools.database import DecodeError
-from support.chromium import tab
+from support.chromium import ON_A_PHONE, shown
 
 import dbc
 from canroll.report.curves import derived
@@ -20,7 +20,6 @@ from vehicles.suspensions.tables import AxleTables, SteeringSystem, VehicleTable
 
 pytestmark = pytest.mark.slow
 
-PHONE = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
 DEGREES = float(np.degrees(1))
 
 
@@ -43,11 +42,8 @@ def path(result, tmp_path_factory):
 
 @pytest.fixture
 def opened(path):
-    with tab() as browser:
-        browser.open(f"file://{path}")
-        browser.wait_for("document.body.dataset.ready")
+    with shown(path) as browser:
         yield browser
-        assert browser.errors == []
 
 
 def strips(browser):
@@ -402,18 +398,12 @@ def test_the_same_run_gives_the_same_page(result, path):
 def test_a_run_without_control_has_a_workbench_too(tmp_path):
     alone = experiment.run("double_lane_change", law="passive", duration=2.0)
     (tmp_path / "report.html").write_text(run_page(alone), encoding="utf-8")
-    with tab() as browser:
-        browser.open(f"file://{tmp_path / 'report.html'}")
-        browser.wait_for("document.body.dataset.ready")
+    with shown(tmp_path / "report.html") as browser:
         assert next(iter(curves(browser, "roll"))) == "without control"
-        assert browser.errors == []
 
 
 def test_a_phone_shows_the_workbench(path):
-    with tab() as browser:
-        browser.call("Emulation.setDeviceMetricsOverride", **PHONE)
-        browser.open(f"file://{path}")
-        browser.wait_for("document.body.dataset.ready")
+    with shown(path, ON_A_PHONE) as browser:
         assert browser.ask("document.documentElement.scrollWidth") <= 390
         size = """getComputedStyle(document.querySelector("%s")).fontSize"""
         assert browser.ask(size % ".scroll td") == browser.ask(size % ".scroll + .soft")
@@ -426,26 +416,19 @@ def test_a_phone_shows_the_workbench(path):
         browser.click(".frames summary")
         assert browser.ask(height) > 1000
         assert browser.ask("document.documentElement.scrollWidth") <= 390
-        assert browser.errors == []
 
 
 def test_an_old_browser_says_so_and_shows_the_plots(path):
-    with tab() as browser:
-        browser.call("Page.enable")
-        old = "delete globalThis.DecompressionStream"
-        browser.call("Page.addScriptToEvaluateOnNewDocument", source=old)
-        browser.open(f"file://{path}")
-        browser.wait_for("document.body.dataset.ready")
+    old = {"source": "delete globalThis.DecompressionStream"}
+    calls = (("Page.enable", {}), ("Page.addScriptToEvaluateOnNewDocument", old))
+    with shown(path, *calls) as browser:
         assert "cannot unpack" in browser.ask("document.querySelector('.message').textContent")
         assert browser.ask("document.querySelector('#figure-roll').dataset.points > 400")
 
 
 def test_a_finger_zooms(path):
-    with tab() as browser:
-        browser.call("Emulation.setDeviceMetricsOverride", **PHONE)
-        browser.call("Emulation.setTouchEmulationEnabled", enabled=True)
-        browser.open(f"file://{path}")
-        browser.wait_for("document.body.dataset.ready")
+    touched = ("Emulation.setTouchEmulationEnabled", {"enabled": True})
+    with shown(path, ON_A_PHONE, touched) as browser:
         left, top, width = browser.ask(
             """(() => {
               const over = document.querySelector("#strip-roll .u-over");
@@ -461,10 +444,8 @@ def test_a_finger_zooms(path):
         browser.wait_for("shared.range")
         end = browser.ask("shared.window[1]")
         assert browser.ask("shared.range") == pytest.approx([0.3 * end, 0.6 * end], abs=0.05 * end)
-        assert browser.errors == []
 
 
-@pytest.mark.slow
 def test_a_minute_of_everything_stays_under_ten_megabytes():
     long = experiment.run(
         "random_road", plant="nonlinear", bus="gateway_20ms", options={"duration": 60.0}

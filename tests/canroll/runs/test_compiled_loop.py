@@ -5,12 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
-import can
 import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
 from canroll.runs import experiment, virtual_time
+from canroll.runs.logs import write_log
 from codegen.run import native
 from plant_sim.can_bus import build_network
 from plant_sim.can_bus.simulation.response_times import delivered, traffic_spec
@@ -133,19 +133,7 @@ def recording(path):
         for k in range(8)
     ]
     network = build_network(traffic_spec(messages, bitrate=500_000, seed=3))
-    with can.Logger(str(path)) as logger:
-        for entries in delivered(network, 5_000_000_000):
-            for entry in entries:
-                logger(
-                    can.Message(
-                        timestamp=1.7e9 + entry["t_received"] * 1e-9,
-                        arbitration_id=int(entry["ident"]),
-                        is_extended_id=False,
-                        data=bytes(entry["payload"][: entry["length"]]),
-                        channel=0,
-                    )
-                )
-    return f"{path}@500000"
+    return f"{write_log(path, np.concatenate([*delivered(network, 5_000_000_000)]))}@500000"
 
 
 def test_a_recorded_bus_is_the_same(monkeypatch, planned, tmp_path):

@@ -10,6 +10,8 @@ from canroll.runs.limit_cycle import turning_points
 
 T = np.arange(0, 8, 0.01)
 LANE_CHANGE = np.sin(2 * np.pi * 0.4 * T) * ((T > 1) & (T < 6))
+SLALOM = np.sin(2 * np.pi * 0.9 * T)
+NOISE = np.random.default_rng(1).standard_normal(len(T))
 
 
 def test_turning_points_alternate_and_ignore_wiggles():
@@ -29,18 +31,18 @@ def test_turning_points_are_alternate_extremes(values):
     assert np.all(steps[1:] * steps[:-1] < 0)
 
 
-def test_control_of_a_lane_change_is_no_limit_cycle():
-    assert detect(T, -900 * LANE_CHANGE, T, 0.05 * LANE_CHANGE) is None
-
-
-def test_a_decaying_oscillation_is_no_limit_cycle():
-    ringing = 900 * np.exp(-0.8 * T) * np.sin(2 * np.pi * 1.5 * T)
-    assert detect(T, ringing, T, 0.05 * LANE_CHANGE) is None
-
-
-def test_noise_is_no_limit_cycle():
-    noise = 20 * np.random.default_rng(1).standard_normal(len(T))
-    assert detect(T, noise - 900 * LANE_CHANGE, T, 0.05 * LANE_CHANGE) is None
+@pytest.mark.parametrize(
+    ("command", "roll"),
+    [
+        (-900 * LANE_CHANGE, 0.05 * LANE_CHANGE),
+        (900 * np.exp(-0.8 * T) * np.sin(2 * np.pi * 1.5 * T), 0.05 * LANE_CHANGE),
+        (20 * NOISE - 900 * LANE_CHANGE, 0.05 * LANE_CHANGE),
+        (-900 * SLALOM, 0.05 * SLALOM),
+    ],
+    ids=["control of a lane change", "decaying", "noise", "a slalom asks for its swings"],
+)
+def test_what_is_no_limit_cycle(command, roll):
+    assert detect(T, command, T, roll) is None
 
 
 @pytest.mark.parametrize("frequency", [0.9, 1.8, 4.0])
@@ -57,11 +59,6 @@ def test_a_sustained_oscillation_is_found_and_measured(frequency):
 def test_a_saturated_oscillation_on_top_of_the_manoeuvre_is_found():
     swing = np.clip(2000 * np.sin(2 * np.pi * 2 * T) - 300 * LANE_CHANGE, -1500, 1500)
     assert detect(T, swing, T, 0.05 * LANE_CHANGE).frequency == pytest.approx(2, rel=0.05)
-
-
-def test_a_slalom_asks_for_its_swings():
-    slalom = np.sin(2 * np.pi * 0.9 * T)
-    assert detect(T, -900 * slalom, T, 0.05 * slalom) is None
 
 
 def test_a_growing_oscillation_that_rides_on_the_manoeuvre_is_found():

@@ -1,56 +1,17 @@
-"""An inertial unit whose clock runs slow or fast, in whole runs."""
+"""Where the rate of an inertial unit's samples is judged, and at which rate they are due."""
 
 import re
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import dbc
 import vehicles
-from canroll.runs import experiment
 from canroll.setup.controller import options_of, task_of
-from firmware.plausibility import FAULT_SAMPLE_RATE_OFF
-from firmware.state import ACTIVE, INIT
 from gain_gen.models.task import Delay
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[3]
-
-
-@pytest.mark.parametrize(
-    ("faults", "latest"),
-    [
-        ([], None),
-        (["bus=loss:0.1"], None),
-        (["bus=error_rate:0.001@1"], None),
-        (["node.Imu=clock_drift:0.01@1"], None),
-        (["node.Imu=clock_drift:0.03@1"], 4.1),
-        (["node.Imu=clock_drift:-0.03@1"], 4.1),
-        (["node.Imu=clock_drift:0.3@1"], 1.25),
-        (["node.Imu=clock_drift:-0.3@1"], 1.25),
-    ],
-)
-def test_a_clock_that_drifts_is_found_and_nothing_else_is(faults, latest):
-    settings, controller = experiment.plan(
-        "double_lane_change", actuator="bars", faults=faults, backend="native", duration=4.5
-    )
-    ticks = experiment.drive(settings, controller, enabled=True).ticks
-    found = ticks["t"][ticks["fault_codes"] >> FAULT_SAMPLE_RATE_OFF & 1 == 1]
-    assert (len(found) > 0) == (latest is not None)
-    if latest is not None:
-        assert 1.0 < found[0] < latest
-        assert set(np.unique(ticks["mode"])) <= {INIT, ACTIVE}
-
-
-@pytest.mark.parametrize("tick_ms", [5, 20])
-@pytest.mark.parametrize("bus", ["125k_busy", "gateway_50ms"])
-def test_other_ticks_and_slow_buses_are_no_other_rate(tick_ms, bus):
-    settings, controller = experiment.plan(
-        "double_lane_change", actuator="bars", tick_ms=tick_ms, bus=bus, duration=4.5
-    )
-    ticks = experiment.drive(settings, controller, enabled=True).ticks
-    assert not (ticks["fault_codes"] >> FAULT_SAMPLE_RATE_OFF & 1).any()
 
 
 def sample_period(**choices):

@@ -2,13 +2,13 @@
 
 import math
 
-import can
 import cantools
 import numpy as np
 import pytest
+from support.bus_frames import decoded
 
 from canroll.errors import CanrollError
-from canroll.runs import experiment, logs
+from canroll.runs import experiment
 from canroll.setup.bus_frames import check_frames
 
 DBC = """\
@@ -93,17 +93,9 @@ def driven(tmp_path_factory):
 
 
 def read(result, folder):
-    """The log of a run as python-can and cantools read it: times and values by message."""
+    """The log of a run as python-can and cantools read it."""
     database = cantools.database.load_string(DBC, "dbc")
-    messages = {(m.frame_id, m.is_extended_frame): m for m in database.messages}
-    found = {}
-    with can.LogReader(logs.write_log(folder / "own.blf", result.controlled.frames)) as log:
-        for frame in log:
-            message = messages.get((frame.arbitration_id, frame.is_extended_id))
-            if message is not None:
-                values = message.decode(frame.data, decode_choices=False)
-                found.setdefault(message.name, []).append((frame.timestamp, values))
-    return found
+    return decoded(folder / "own.blf", result.controlled.frames, database)
 
 
 @pytest.mark.slow
@@ -112,17 +104,17 @@ def test_every_frame_has_its_own_cycle_time_and_the_true_values(driven, tmp_path
     assert found.keys() == {*PERIODS, "BARS"}
     signals = driven.controlled.signals
     for name, period in PERIODS.items():
-        times = [t for t, _ in found[name]]
+        times = [t for t, _, _ in found[name]]
         assert np.mean(np.diff(times)) == pytest.approx(1e-3 * period, rel=1e-3), name
-    times = np.array([t for t, _ in found["WHEELS"]])
+    times = np.array([t for t, _, _ in found["WHEELS"]])
     for wheel in ("FL", "FR"):
-        speed = [2 * math.pi / 60 * 0.3 * values[wheel] for _, values in found["WHEELS"]]
+        speed = [2 * math.pi / 60 * 0.3 * values[wheel] for _, values, _ in found["WHEELS"]]
         true = np.interp(times, signals["time"], signals["vx"])
         np.testing.assert_allclose(speed, true, atol=0.3)
-    assert {values["YAW_OK"] for _, values in found["YAW"]} == {1}
-    assert {values["ENABLED"] for _, values in found["MOMENTS_REAR"]} == {1}
+    assert {values["YAW_OK"] for _, values, _ in found["YAW"]} == {1}
+    assert {values["ENABLED"] for _, values, _ in found["MOMENTS_REAR"]} == {1}
     for name, signal in (("MOMENTS", "FRONT"), ("MOMENTS_REAR", "REAR")):
-        assert max(abs(values[signal]) for _, values in found[name]) > 500, name
+        assert max(abs(values[signal]) for _, values, _ in found[name]) > 500, name
 
 
 def test_the_figures_are_those_of_the_built_in_bus(driven):
@@ -137,7 +129,9 @@ def test_the_figures_are_those_of_the_built_in_bus(driven):
 def test_a_sensor_without_a_value_says_so_by_the_signal_of_its_validity(tmp_path):
     faults = ["Imu.YawRate=invalid@1"]
     result = experiment.run("double_lane_change", **SHORT, **files(tmp_path), faults=faults)
-    said = {(t > 1.03, values["YAW_OK"]) for t, values in read(result, tmp_path)["YAW"] if t > 0.1}
+    said = {
+        (t > 1.03, values["YAW_OK"]) for t, values, _ in read(result, tmp_path)["YAW"] if t > 0.1
+    }
     assert (False, 1) in said and (True, 0) in said and (True, 1) not in said
 
 

@@ -51,6 +51,13 @@ def recorded(request, tmp_path_factory):
     return trace, log, ["ecu", "--calibration", str(calibration), *options, "--replay"], imu
 
 
+def candump(message, data=None, *, by_s=0.0):
+    """A line of a log, with other data or another time."""
+    ident = f"{message.arbitration_id:0{8 if message.is_extended_id else 3}X}"
+    data = message.data if data is None else data
+    return f"({message.timestamp + by_s:.6f}) can0 {ident}#{data.hex()}\n"
+
+
 def replayed(line, log, folder, capsys):
     assert ecu.run(parse([*line, str(log), "--out", str(folder), "--json"])) == 0
     return json.loads(capsys.readouterr().out)
@@ -109,8 +116,7 @@ def test_what_is_wrong_with_a_frame_is_named(recorded, tmp_path, capsys):
                 before = original
                 if 200 <= count < 240:
                     continue
-            ident = f"{m.arbitration_id:0{8 if m.is_extended_id else 3}X}"
-            file.write(f"({m.timestamp:.6f}) can0 {ident}#{data.hex()}\n")
+            file.write(candump(m, data))
     found = replayed(line, damaged, tmp_path, capsys)
     heard = found["receptions"][0]
     assert (heard["length"], heard["late"], heard["not_authentic"]) == (1, 1, 0)
@@ -134,8 +140,7 @@ def test_a_wrong_data_id_is_named(recorded, tmp_path, capsys):
             data = bytes(m.data)
             if m.arbitration_id | (EXTENDED if m.is_extended_id else 0) == imu:
                 data = bytes([data[0] ^ 0x40]) + data[1:]
-            ident = f"{m.arbitration_id:0{8 if m.is_extended_id else 3}X}"
-            file.write(f"({m.timestamp:.6f}) can0 {ident}#{data.hex()}\n")
+            file.write(candump(m, data))
     verdict = ""
     try:
         replayed(line, damaged, tmp_path, capsys)
@@ -167,8 +172,9 @@ def test_another_bus_and_options_of_a_bus_are_refused(recorded, tmp_path):
     for option in (("--duration", "3"), ("-i", "virtual"), ("--trace", "t.npz"), ("--cpu", "0")):
         with pytest.raises(CanrollError, match="a recorded drive has no bus: omit it"):
             ecu.run(parse([*line, str(log), *option]))
-    with pytest.raises(CanrollError, match="--json: it belongs to --replay of a bus log"):
-        ecu.run(parse([*line[:-1], "--json"]))
+    for option in (("--json",), ("--section", "1")):
+        with pytest.raises(CanrollError, match=f"{option[0]}: it belongs to --replay of a bus log"):
+            ecu.run(parse([*line[:-1], *option]))
 
 
 @pytest.mark.slow
@@ -183,10 +189,9 @@ def test_a_log_whose_times_step_is_replayed_in_sections(recorded, tmp_path, caps
         messages = list(reader)
     with cut.open("w", encoding="utf-8") as file:
         for m in messages:
-            time = 1000.0 + m.timestamp + (by_s if m.timestamp >= SILENT else 0.0)
-            ident = f"{m.arbitration_id:0{8 if m.is_extended_id else 3}X}"
-            file.write(f"({time:.6f}) can0 {ident}#{m.data.hex()}\n")
-        file.write(f"({time:.6f}) can0 20000088#0000000000000000\n")
+            later = 1000.0 + (by_s if m.timestamp >= SILENT else 0.0)
+            file.write(candump(m, by_s=later))
+        file.write(f"({m.timestamp + later:.6f}) can0 20000088#0000000000000000\n")
     rest = messages[-1].timestamp - SILENT
     for section, length in (((), max(SILENT, rest)), ((1,), SILENT), ((2,), rest)):
         options = [word for number in section for word in ("--section", str(number))]
@@ -197,9 +202,3 @@ def test_a_log_whose_times_step_is_replayed_in_sections(recorded, tmp_path, caps
     assert "error frames in the log: 1" in (tmp_path / "drive.html").read_text(encoding="utf-8")
     with pytest.raises(CanrollError, match="--section 3: there are sections 1 to 2"):
         ecu.run(parse([*line[:-1], "--section", "3", "--replay", str(cut)]))
-
-
-def test_a_section_without_a_log_is_refused(recorded):
-    _, _, line, _ = recorded
-    with pytest.raises(CanrollError, match="--section: it belongs to --replay of a bus log"):
-        ecu.run(parse([*line[:-1], "--section", "1"]))

@@ -97,18 +97,8 @@ def test_manoeuvres_that_differ_in_one_option_name_it():
 
 @pytest.mark.slow
 def test_the_command_prints_it(capsys):
-    arguments = [
-        "compare",
-        "--scenario",
-        "severe",
-        "--runs",
-        "2",
-        "--law",
-        "lqr",
-        "--vehicle",
-        "suv_2020",
-    ]
-    assert main([*arguments, "--json"]) == 0
+    words = "compare --scenario severe --runs 2 --law lqr --vehicle suv_2020 --json"
+    assert main(words.split()) == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["vehicle"] == "suv_2020"
     assert len(answer["rows"]) == 4 * len(MANOEUVRES)
