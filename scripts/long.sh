@@ -31,8 +31,8 @@ for name in "${@:-tests worst_case benchmarks contract reproduce rollover fuzz_f
             worst_case)
                 keep worst_case_lqr "${bound[@]}" --law lqr
                 keep worst_case_lqg_delay "${bound[@]}" --law lqg_delay
-                keep worst_case_covariance "${bound[@]}" \
-                    --law lqr --observer propagated --identification ;;
+                canroll design --law lqr --observer propagated --identification --bus 500k --out out/rls
+                keep worst_case_covariance "${bound[@]}" --calibration out/rls/calibration.toml ;;
             benchmarks)
                 for bench in benchmarks/bench_*.py; do
                     keep "$(basename "$bench" .py)" python "$bench"

@@ -7,6 +7,8 @@ from canroll.cli.options import (
     DEFAULT_SCENARIO,
     JSON,
     OF_A_RUN,
+    RARE,
+    RARE_OF_A_DESIGN,
     choices,
     key_value,
     path_named,
@@ -73,7 +75,7 @@ def timing(parser: Parser) -> None:
     """Instructions, stack and sizes on the target; budget verdict."""
     parser.take(
         "",
-        choices([name for name in OF_A_RUN if name != "backend"]),
+        choices([name for name in OF_A_RUN if name != "backend"], of_file=RARE),
         opt("--scenario", scenario, None, "manoeuvre to replay", DEFAULT_SCENARIO),
         opt("--duration", float, None, "duration in s (default: 5)", 5.0),
         opt("--processor", PROCESSORS, None, "default: %(default)s", "cortex-m4", **ON_TARGET),
@@ -119,7 +121,7 @@ def export_c(parser: Parser) -> None:
     parser.take(
         "",
         opt("folder", Path, None, "folder of the bundle"),
-        choices(OF_AN_EXPORT),
+        choices(OF_AN_EXPORT, of_file=RARE_OF_A_DESIGN),
         choices(("dbc", "map")),
         opt("--elf", Path, None, "only write the addresses of this image to the A2L in DIR; with "
             "--calibration also write the calibration at its address, as Intel HEX and S-record"),

@@ -23,6 +23,8 @@ PACES = ("realtime", "lockstep")
 METAVARS = {"km/h": "KMH", "ms": "MS", "s": "S"}
 PATTERNS = {"faults": "WHERE=KIND[:VALUE][@START[:END[:RAMP]]]"}
 NODES = ("faults", "fault_file", "conditions")
+RARE = tuple(name for name, choice in CHOICES.items() if choice.rare)
+RARE_OF_A_DESIGN = tuple(name for name in RARE if CHOICES[name].frozen_in_calibration)
 OF_A_RUN = tuple(name for name in CHOICES if name != "duration")
 """Choices of vehicle, controller and bus."""
 
@@ -67,6 +69,7 @@ def choices(
     *,
     several: Collection[str] = (),
     defaults: Mapping[str, Any] | None = None,
+    of_file: Sequence[str] = (),
 ) -> Option:
     """Return the options of choices of a run.
 
@@ -74,6 +77,7 @@ def choices(
         names: names of the choices.
         several: choices that accept several names separated by commas.
         defaults: defaults of this command that differ from the table's.
+        of_file: choices that a project file alone says.
     """
     own = defaults or {}
 
@@ -88,6 +92,9 @@ def choices(
             parser.set_defaults(**{name: own.get(name)})
             if name == "vehicle":
                 VEHICLE_NUMBER(parser)
+        parser.of_file += tuple(of_file)
+        for action in (action for action in parser._actions if action.dest in of_file):
+            action.help = argparse.SUPPRESS
 
     return add
 

@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.setup.choices import CHOICES
 
+FROZEN = frozenset(name for name, choice in CHOICES.items() if choice.frozen_in_calibration)
 RARE = frozenset(("trust", *(choice.name for choice in CHOICES.values() if choice.rare)))
 
 
@@ -46,14 +47,15 @@ class Parser(argparse.ArgumentParser):
     Options have one spelling, as command lines are read and written again. ``--help`` leaves out
     the rare ones, and after a command's action the options of other actions, and the epilog if that
     is about one of these, ``epilog_of``. ``asked``: options, by destination, that make the command
-    do more, which it does where the command line asks for it. ``handler``: "module:function" that
-    is called with what is parsed.
+    do more, which it does where the command line asks for it. ``of_file``: those that a project
+    file alone says. ``handler``: "module:function" that is called with what is parsed.
     """
 
     def __init__(self, handler: str = "", **options: Any) -> None:  # noqa: ANN401
         self.handler = handler
         self.relations: dict[str, Relations] = {}
         self.asked: tuple[str, ...] = ()
+        self.of_file: tuple[str, ...] = ()
         self.epilog_of = ""
         self._given: set[str] = set()
         self._mode: tuple[str, ...] = ()
@@ -126,7 +128,12 @@ class Parser(argparse.ArgumentParser):
         return super()._get_values(action, arg_strings)
 
     def _check(self, namespace: argparse.Namespace) -> None:
-        """Refuse options without effect in this combination."""
+        """Refuse options without effect in this combination, and what only a file may say."""
+        for name in (name for name in self.of_file if name in namespace.written):
+            raise UsageError(
+                f"{self.spelt(name)}: {self.prog} does not take it: write it into canroll.toml"
+                f"{', or use a --calibration that has it' if name in FROZEN else ''}"
+            )
         for name in self.relations:
             if name not in namespace.given:
                 continue

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from canroll.cli.options import (
     PACES,
+    RARE_OF_A_DESIGN,
     RECORDING,
     SECTION,
     answer,
@@ -61,7 +62,7 @@ def hil(parser: Parser) -> None:
         add_bus_arguments,
         opt("--serve", str, "HOST:PORT", "without -i: address of the plant's bus, for 'canroll "
             "watch' (default: a free port)"),
-        choices(),
+        choices(of_file=RARE_OF_A_DESIGN),
         opt("--passive", ("virtual", "hil"), None, "how the run without control is made (default: "
             "%(default)s time)", "virtual"),
         opt("--pace", PACES, None, "lockstep: the plant grants the ECU's ticks, with the same "

@@ -53,9 +53,10 @@ def test_understeer_shows_both_vehicles(capsys):
 
 
 @pytest.mark.slow
-def test_the_controlled_understeer_names_where_control_ends(capsys):
-    full = ["--law", "steering_lead", "--moment-share", "1"]
-    assert main(["handling", "circle", "--plant", "roll1", *full]) == 0
+def test_the_controlled_understeer_names_where_control_ends(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "canroll.toml").write_text("moment-share = 1.0\n")
+    assert main(["handling", "circle", "--plant", "roll1", "--law", "steering_lead"]) == 0
     text = capsys.readouterr().out
     for part in (
         "characteristic speed",

@@ -51,6 +51,17 @@ def test_what_does_not_apply_to_a_saved_run_is_no_fault_of_the_file(folder, caps
     assert "not a saved run" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("command", ["hil moose", "compare lqr", "export-c out", "faults"])
+def test_what_a_command_takes_from_the_file_alone_is_not_in_its_help(folder, command, capsys):
+    written(folder, "identification = true\nuncertainty = {mass = 0.05}\n")
+    args = parse(command.split())
+    assert args.identification and args.uncertainty == [("mass", "0.05")]
+    assert "canroll.toml: --identification" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main([*command.split(), "--help-all"])
+    assert "--identification" not in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("of", [["--scenario", "severe"], ["--runs", "2"]])
 def test_a_population_passes_over_what_the_file_says_of_single_runs(folder, monkeypatch, of):
     written(folder, 'vehicle = "suv_2020"\nlaw = "lqr"\nseed = 3\nspeed = 70.0\n')

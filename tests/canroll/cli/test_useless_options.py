@@ -49,7 +49,10 @@ USELESS = [
         "run moose --observer reference --law lqr --no-watch-response",
         "--no-watch-response: observer reference",
     ),
-    ("hil moose --law passive --gains as_printed", "--gains: --law passive has no control"),
+    ("run moose --law passive --gains as_printed", "--gains: --law passive has no control"),
+    ("hil moose --gains as_printed", "--gains: canroll hil does not take it: write it into canr"),
+    ("export-c out --trigger every", "or use a --calibration that has it"),
+    ("compare lqr --key k", "--key: canroll compare does not take it: write it into canroll.toml"),
     ("run moose --trigger every --heartbeat 30", "--heartbeat: with --trigger every a command is"),
     ("run moose --actuator dampers --heartbeat 30", "--heartbeat: to dampers a command is sent"),
     (

@@ -5,6 +5,7 @@ from canroll.cli.options import (
     NUMBERS,
     OF_A_RUN,
     ONE_CASE,
+    RARE,
     SPREAD,
     answer,
     choices,
@@ -63,7 +64,8 @@ def faults(parser: Parser) -> None:
             "catalogue of faults)"),
         opt("--attack", str, "TEXT", "only attacks whose name contains TEXT", "",
             needs=(f"catalogue={ATTACKS}",)),
-        choices([name for name in OF_A_RUN if name not in ("faults", "fault_file")]),
+        choices([name for name in OF_A_RUN if name not in ("faults", "fault_file")],
+                of_file=RARE),
         execution("fault or attack"),
         *NUMBERS,
     )  # fmt: skip

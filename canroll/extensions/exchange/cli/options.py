@@ -1,7 +1,7 @@
 """The options of ``canroll export-fmu``."""
 
 from canroll.cli.design_parsers import OF_AN_EXPORT
-from canroll.cli.options import DEFAULT_SCENARIO, choices, path_named, scenario
+from canroll.cli.options import DEFAULT_SCENARIO, RARE_OF_A_DESIGN, choices, path_named, scenario
 from canroll.cli.parser import Parser, opt, related
 from canroll.setup.choices import CHOICES
 
@@ -33,7 +33,7 @@ def export_fmu(parser: Parser) -> None:
         opt("out", path_named, "OUT.fmu", "file to write"),
         opt("--ports", PORTS, None, "CAN terminals (fmi-ls-bus), or plain signals (default: "
             "%(default)s)", PORTS[0], only=("ecu", "plant")),
-        choices(applying),
+        choices(applying, of_file=RARE_OF_A_DESIGN),
         *(related(name, only=OF_KINDS[name]) for name in applying),
         opt("--scenario", scenario, None, "plant and vehicle: the manoeuvre (default: "
             "%(default)s)", DEFAULT_SCENARIO, only=("plant", "vehicle")),
