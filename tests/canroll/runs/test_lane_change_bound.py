@@ -4,21 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.linalg import toeplitz
-from scipy.optimize import brentq
 from support.limit_cycles import detect
 
-import vehicles
 from canroll.runs.experiment import drive, plan
 from canroll.runs.metrics import judge
+from canroll.studies.bound import bound_of
 from canroll.studies.effort import scaled
-from gain_gen.analysis.family import NOMINAL, actuated, car_in
 from gain_gen.laws import LAWS
 from gain_gen.laws.state_feedback import FEEDFORWARD_SHARE
 from gain_gen.laws.steering_lead import MOMENT_SHARE
-from gain_gen.models.roll import zero_order_hold
 
-TICK = 0.01
 CAR = {"plant": "nonlinear", "vehicle": "van_real", "actuator": "suspension"}
 
 
@@ -55,26 +50,10 @@ def at_effort(law, bus, moment):
 
 
 def noncausal_bound(moment):
-    """RMS roll, deg, of the best moment of that RMS, known to its end, on the linear car."""
-    vehicle = vehicles.load("van_real")
+    """RMS roll, deg, of the best moment of that RMS, known to its end; judged in test_bound."""
     settings, controller = plan("double_lane_change", **CAR)
-    trace = drive(settings, controller, enabled=False)
-    time, roll = trace.signals["time"], np.degrees(trace.signals["roll"])
-    ticks = np.arange(time[0], time[-1], TICK)
-    free = np.interp(ticks, time, roll)
-    plant = actuated(car_in(vehicle, NOMINAL), lag=0.015, sensors=vehicle.sensors)
-    phi, gamma = zero_order_hold(plant.a, plant.command, TICK)
-    pulse, x = np.zeros(len(ticks)), gamma
-    for k in range(1, len(ticks)):
-        pulse[k], x = np.degrees(plant.measured[2] @ x)[0], phi @ x
-    response = toeplitz(pulse, np.zeros(len(ticks)))
-
-    def best(log_weight):
-        normal = response.T @ response + np.exp(log_weight) * np.eye(len(ticks))
-        return np.linalg.solve(normal, -response.T @ free)
-
-    found = brentq(lambda w: np.sqrt(np.mean(best(w) ** 2)) - moment, -25.0, 5.0, xtol=1e-3)
-    return np.sqrt(np.mean((free + response @ best(found)) ** 2))
+    signals = drive(settings, controller, enabled=False).signals
+    return np.degrees(bound_of(settings, controller, signals["time"], signals["roll"]).at(moment))
 
 
 @pytest.mark.slow
