@@ -19,7 +19,6 @@ from canroll.report.tables import (
 )
 from canroll.runs import standard
 from canroll.runs.result import Result
-from hil.timing_rows import QUANTILES, ROWS, bus_lines
 from plant_sim.driving import maneuvers
 
 
@@ -87,6 +86,8 @@ def of_the_bus(result: Result) -> Iterator[Part]:
 
 def timing(figures: Mapping[str, Any]) -> Iterator[Part]:
     """Yield quantiles, misses, losses, whether the run is valid, and notes."""
+    from hil.timing_rows import QUANTILES, ROWS, bus_lines  # noqa: PLC0415 - of real time alone
+
     rows = [
         (name, *(f"{of[quantile]:.0f}" for quantile in QUANTILES))
         for name, of in ((name, figures[key]) for key, name in ROWS.items())

@@ -103,18 +103,7 @@ def motion(runs: Sequence[Shown]) -> list[Figure]:
     plots = [
         ("roll", "Roll angle", "deg", signal("roll", degrees)),
         ("roll-rate", "Roll rate", "deg/s", signal("roll_rate", degrees)),
-        (
-            "nlt-front",
-            "Load transfer, front axle",
-            "−1 to 1",
-            transfer("front"),
-        ),
-        (
-            "nlt-rear",
-            "Load transfer, rear axle",
-            "−1 to 1",
-            transfer("rear"),
-        ),
+        *((f"nlt-{a}", f"Load transfer, {a} axle", "−1 to 1", transfer(a)) for a in AXLES),
         ("ay", "Lateral acceleration", "m/s²", signal("ay")),
         ("path-error", "Distance from the driver's path", "m", signal("path_error")),
         ("steer", "Steering at the road wheels", "deg", signal("steer", degrees)),

@@ -117,13 +117,11 @@ def _as_dict(record: Series | Figure) -> dict[str, object]:
     return {field.name: getattr(record, field.name) for field in fields(record)}
 
 
-def histogram(
-    name: str, values: NDArray[Any], *, colour: int, bins: int = 40, dash: int = SOLID
-) -> Series:
+def histogram(name: str, values: NDArray[Any], *, colour: int, bins: int = 40) -> Series:
     """Return the share of values (%) in each of ``bins`` equal stretches, as bars."""
     counts, edges = np.histogram(values, bins=bins)
     share = 100 * counts / max(len(values), 1)
-    return Series(name, edges[:-1], share, colour, dash, "bars", float(edges[1] - edges[0]))
+    return Series(name, edges[:-1], share, colour, SOLID, "bars", float(edges[1] - edges[0]))
 
 
 def distribution(name: str, values: NDArray[Any], *, colour: int, dash: int = SOLID) -> Series:

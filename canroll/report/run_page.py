@@ -27,7 +27,6 @@ from canroll.runs.result import Result
 from canroll.runs.trace import Trace
 from canroll.setup.delay import RUN_TIME
 from canroll.typing import Vector
-from hil.timing_rows import QUANTILES, ROWS, bus_lines
 from plant_sim.bodies.ports import WHEELS
 from plant_sim.driving.maneuvers import written
 from plant_sim.driving.standards import cones_of
@@ -262,6 +261,8 @@ def _resampled(trace: Trace, step: float) -> list[Vector]:
 
 def timing_table(timing: Mapping[str, Any]) -> PageTable:
     """Return the quantiles of ``timing`` as printed by ``canroll hil --json``."""
+    from hil.timing_rows import QUANTILES, ROWS, bus_lines  # noqa: PLC0415 - of real time alone
+
     rows: list[list[str | Cell]] = [
         [
             f"{name} (µs)",

@@ -390,11 +390,11 @@ def spread(values: Vector) -> Extent:
     return Extent(float(np.min(values)), float(np.mean(values)), float(np.max(values)))
 
 
-def bus_load(trace: Trace, segment: int = 0) -> float:
-    """Share of the run in which ``segment`` was busy with frames and interframe spaces."""
+def bus_load(trace: Trace) -> float:
+    """Share of the run in which the first segment was busy with frames and interframe spaces."""
     busy_ns = 0
     for block in blocks(trace.frames):
-        on = block[(block["segment"] == segment) & (block["t_start"] >= 0)]
+        on = block[(block["segment"] == 0) & (block["t_start"] >= 0)]
         busy_ns += int(np.sum(on["t_end"] - on["t_start"]))
     return busy_ns * 1e-9 / trace.duration
 

@@ -76,9 +76,9 @@ def offset_ns(world: World, tick_ns: int, phase_ns: int) -> int:
     return (earliest_arrival_ns(world) + phase_ns) % checked_cycle_ns(tick_ns, phase_ns)
 
 
-def phase_ns(world: World, tick_ns: int, offset: int = 0) -> int:
-    """Return the phase of ticks at ``offset + k tick_ns``; the inverse of `offset_ns`."""
-    return (offset - earliest_arrival_ns(world)) % cycle_ns(tick_ns)
+def phase_ns(world: World, tick_ns: int) -> int:
+    """Return the phase of ticks at multiples of ``tick_ns``; the inverse of `offset_ns`."""
+    return -earliest_arrival_ns(world) % cycle_ns(tick_ns)
 
 
 def earliest_arrival_ns(world: World) -> int:

@@ -17,6 +17,7 @@ from plant_sim.world.spool import Rows
 from plant_sim.world.world import CHUNK_NS, World
 
 RUN_TIME_NS = round(RUN_TIME * 1e9)
+"""From a tick to its frames."""
 
 BLOCK = 50
 """Ticks run in one call of the compiled loop."""
@@ -54,12 +55,11 @@ def ticks(
     tick_ns: int,
     end_ns: int,
     offset_ns: int = 0,
-    run_time_ns: int = RUN_TIME_NS,
 ) -> Iterator[int]:
     """Run ``ecu`` against ``world`` up to ``end_ns``; yield the instant of each tick after it.
 
     Tick k starts at ``offset_ns + k tick_ns``: all frames received by then have been passed on in
-    order, and the frames the tick sends are queued ``run_time_ns`` later. In an outage of the
+    order, and the frames the tick sends are queued ``RUN_TIME_NS`` later. In an outage of the
     ``world`` there are no ticks, and after it the ECU restarts.
     """
     world.advance(0)
@@ -77,7 +77,7 @@ def ticks(
             length = int(frame["length"])
             ecu.receive(int(frame["ident"]), frame["payload"][:length], length)
         for ident, payload in ecu.tick(1):
-            world.submit(t + run_time_ns, ident, payload)
+            world.submit(t + RUN_TIME_NS, ident, payload)
         yield t
     if not world.finished and t < end_ns:
         world.advance(end_ns)
@@ -90,13 +90,9 @@ def observed_ticks(
     tick_ns: int,
     end_ns: int,
     offset_ns: int = 0,
-    run_time_ns: int = RUN_TIME_NS,
 ) -> Iterator[tuple[int, bytes]]:
     """Run :func:`ticks`; yield the instant of each and the ECU's state record after it."""
-    instants = ticks(
-        world, ecu, tick_ns=tick_ns, end_ns=end_ns, offset_ns=offset_ns, run_time_ns=run_time_ns
-    )
-    for t in instants:
+    for t in ticks(world, ecu, tick_ns=tick_ns, end_ns=end_ns, offset_ns=offset_ns):
         yield t, ecu.image()
 
 
@@ -107,7 +103,6 @@ def compiled_ticks(
     tick_ns: int,
     end_ns: int,
     offset_ns: int = 0,
-    run_time_ns: int = RUN_TIME_NS,
 ) -> Iterator[tuple[int, bytes]]:
     """Run :func:`observed_ticks` in compiled code: the same world, ECU and results."""
     connection = connected(world, ecu)
@@ -127,7 +122,7 @@ def compiled_ticks(
         interrupted = None
         try:
             world.run_ticks(
-                connection, images[:left], before_ns=t, period_ns=tick_ns, run_time_ns=run_time_ns
+                connection, images[:left], before_ns=t, period_ns=tick_ns, run_time_ns=RUN_TIME_NS
             )
         except KeyboardInterrupt as error:
             interrupted = error
@@ -193,7 +188,6 @@ def closed_loop(
     tick_ns: int,
     duration_ns: int | None = None,
     offset_ns: int = 0,
-    run_time_ns: int = RUN_TIME_NS,
     progress: Progress | None = None,
 ) -> Trace:
     """Run ``ecu`` against ``world`` until the manoeuvre is over.
@@ -206,7 +200,6 @@ def closed_loop(
         tick_ns: period of the loop.
         duration_ns: duration, if shorter than the manoeuvre.
         offset_ns: phase of the ticks relative to the plant's start.
-        run_time_ns: time from a tick to its frames.
         progress: called with the fraction done from time to time.
 
     Raises:
@@ -215,9 +208,7 @@ def closed_loop(
     end = world.duration_ns if duration_ns is None else min(duration_ns, world.duration_ns)
     # of a native ECU without a copy of its state
     ticked = TickRows(ecu.firmware.record if isinstance(ecu, NativeEcu) else type(ecu.state))
-    loop = _loop(
-        world, ecu, tick_ns=tick_ns, end_ns=end, offset_ns=offset_ns, run_time_ns=run_time_ns
-    )
+    loop = _loop(world, ecu, tick_ns=tick_ns, end_ns=end, offset_ns=offset_ns)
     try:
         for number, (t, image) in enumerate(loop, 1):
             ticked.add(t * 1e-9, image)

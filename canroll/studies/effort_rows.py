@@ -106,11 +106,6 @@ class EffortRow:
         return self.mean("roll_rms_deg") / least - 1.0 if least else inf
 
 
-def law_row(driver: "LawDriver", entry: EffortEntry, effort: float) -> EffortRow:
-    """Return the results of a law at ``effort``, N·m."""
-    return driver.row(entry, effort)
-
-
 def with_stiffer_bar(settings: Run, factor: float) -> Run:
     """Return ``settings`` with a plant of ``factor`` times its roll stiffness."""
     plant = settings.vehicle.plant

@@ -33,7 +33,6 @@ from canroll.studies.effort_rows import (
     EffortEntry,
     EffortRow,
     LawDriver,
-    law_row,
 )
 from canroll.studies.variation import NONE, population
 from plant_sim.bodies import own_body
@@ -165,7 +164,6 @@ def compare(
     effort: float | None = None,
     spread: Mapping[str, float] = NONE,
     conditions: Mapping[str, Any] | None = None,
-    label: str = "laws",
     cases: Cases = IN_TURN,
 ) -> EffortComparison:
     """Drive every law ``runs`` times and return the rows.
@@ -185,7 +183,6 @@ def compare(
         effort: common RMS moment, N·m; by default that of the reference as designed.
         spread: of the population, see :mod:`canroll.studies.variation`; by default equal vehicles.
         conditions: further keywords of :func:`canroll.runs.experiment.plan` for all laws.
-        label: the activity, for the progress.
         cases: what drives the laws; of a single one, the passive vehicle and the reference too.
 
     Raises:
@@ -216,7 +213,7 @@ def compare(
     )
     common_driver = study.engine.common(driver)
     others = [entry for entry in entries if entry is not base or not at_reference]
-    driven = study.rows(label, law_row, [(common_driver, entry, effort) for entry in others])
+    driven = study.rows("laws", LawDriver.row, [(common_driver, entry, effort) for entry in others])
     rows: list[EffortRow] = []
     for entry in entries:
         rows += [next(driven)] if entry in others else at_reference
