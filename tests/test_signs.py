@@ -1,4 +1,4 @@
-"""A steering angle to the left, followed through every part: docs/axes.md is what it checks."""
+"""A steering angle to the left, followed through every part: docs/vehicle.md is what it checks."""
 
 import numpy as np
 import pytest
