@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-from canroll.errors import CanrollError, UnknownNameError
+from canroll.documents import refuse_unknown
+from canroll.errors import CanrollError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -69,9 +70,7 @@ def of_section(table: object, where: str) -> FitSpread:
 
     if not isinstance(table, Mapping):
         raise CanrollError(f"{where}: '{SECTION}' must be a table")
-    for key in table:
-        if key not in KEYS:
-            raise UnknownNameError(f"key of {where}: [{SECTION}]", key, KEYS)
+    refuse_unknown(table, KEYS, f"key of {where}: [{SECTION}]")
     for key in KEYS:
         if key not in table:
             raise CanrollError(f"{where}: [{SECTION}] missing key '{key}'")

@@ -186,9 +186,7 @@ def read_file(path: Path) -> tuple[Fault, ...]:
         data = documents.toml(path)
     except (OSError, ValueError) as error:
         raise CanrollError(f"{path}: {reason(error)}") from error
-    for key in data:
-        if key != "fault":
-            raise UnknownNameError(f"{path}: key", key, ("fault",))
+    documents.refuse_unknown(data, ("fault",), f"{path}: key")
     tables = data.get("fault", [])
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise CanrollError(f"{path}: write each fault as a table [[fault]]")

@@ -155,9 +155,7 @@ def _check_keys(
     *,
     required: Sequence[str] = (),
 ) -> None:
-    for key in table:
-        if key not in kinds:
-            raise UnknownNameError(f"key in {where}", key, kinds)
+    documents.refuse_unknown(table, kinds, f"key in {where}")
     for key in required:
         if key not in table:
             raise CanrollError(f"{where}: '{key}' is missing")

@@ -203,9 +203,7 @@ def _from_toml(path: Path) -> Traffic:
         table = documents.toml(path)
     except (OSError, ValueError) as error:
         raise CanrollError(f"{path}: {reason(error)}") from error
-    for key in table:
-        if key not in _TABLE:
-            raise UnknownNameError(f"key in {path}", key, _TABLE)
+    documents.refuse_unknown(table, _TABLE, f"key in {path}")
     bitrate = table.get("bitrate", DEFAULT_BITRATE)
     data_bitrate = table.get("data_bitrate", 0)
     for key, value in (("bitrate", bitrate), ("data_bitrate", data_bitrate)):
@@ -220,9 +218,7 @@ def _from_toml(path: Path) -> Traffic:
 
 def _toml_message(path: Path, place: int, row: dict[str, Any]) -> BusMessage:
     where = f"{path}: message {row.get('name', place)}"
-    for key in row:
-        if key not in _REQUIRED + _OPTIONAL:
-            raise UnknownNameError(f"key in {where}", key, _REQUIRED + _OPTIONAL)
+    documents.refuse_unknown(row, _REQUIRED + _OPTIONAL, f"key in {where}")
     for key in _REQUIRED:
         if key not in row:
             raise CanrollError(f"{where}: '{key}' is missing")
