@@ -75,15 +75,6 @@ def routed_messages(
     return tuple(routed)
 
 
-def background_of(
-    profile: BusProfile, segment: int, *, command: str = DEFAULT_COMMAND, seed: int = 0
-) -> list[BusMessage]:
-    """Return the background that is sent on a segment of a profile; see ``routed_messages``."""
-    own = len(own_messages(command, profile))
-    routed = routed_messages(profile, command=command, seed=seed)
-    return [r.message for r in routed[own:] if r.home == segment]
-
-
 def _of_file(profile: BusProfile, segment: int, own: Sequence[BusMessage]) -> list[BusMessage]:
     """The background of a segment that a file describes, without what is ours in it."""
     if _is_recorded(profile):

@@ -30,9 +30,9 @@ from plant_sim.can_bus.bounds.delay_bounds import (
     total_delay,
 )
 from plant_sim.can_bus.network.own_frames import own_messages
-from plant_sim.can_bus.network.profiles import background_of
 from plant_sim.can_bus.simulation.ages import BusLoop, simulate_ages
 from plant_sim.kernels.instants import MS
+from tests.support.background import background_of
 
 FRAMES = {m.name: m.frame_id for m in dbc.load().messages}
 OWN = {m.name: m for m in own_messages()}

@@ -12,9 +12,10 @@ from plant_sim.buses.topology import NODES, BusGateway, TimeSpread
 from plant_sim.can_bus import ACTUATOR, ECU, IMU, load_profile, make_network
 from plant_sim.can_bus.bounds.delay_bounds import delay_bounds
 from plant_sim.can_bus.network.own_frames import own_messages
-from plant_sim.can_bus.network.profiles import background_of, profile_spec, routed_messages
+from plant_sim.can_bus.network.profiles import profile_spec, routed_messages
 from plant_sim.can_bus.simulation.ages import BusLoop, simulate_ages
 from plant_sim.kernels.instants import MS
+from tests.support.background import background_of
 
 ROOT = Path(__file__).parents[4]
 OWN = ROOT / "examples" / "own_bus"
