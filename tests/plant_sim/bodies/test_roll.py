@@ -42,16 +42,6 @@ def test_roll_step_equals_the_matrix_exponential():
     assert outputs[ports.ROLL_RATE] == pytest.approx(expected[1], rel=1e-7)
 
 
-def test_signs_of_a_left_turn():
-    outputs = settle(vehicles.load("van_real"), STEER=0.02)
-    assert outputs[ports.AY] > 0 and outputs[ports.YAW_RATE] > 0 and outputs[ports.ROLL] > 0
-    loads = outputs[ports.WHEEL_LOAD : ports.WHEEL_LOAD + 4]
-    assert loads[1] > loads[0] and loads[3] > loads[2]
-    travel = outputs[ports.TRAVEL : ports.TRAVEL + 4]
-    assert travel[0] > 0 > travel[1]
-    assert open_loop.load_transfer(outputs[None], 0)[0] > 0
-
-
 def test_actuators_and_bank_have_the_sign_of_their_axis_page():
     vehicle = vehicles.load("van_real")
     assert settle(vehicle, CORNER_FORCE=1000.0)[ports.ROLL] > 0

@@ -129,12 +129,6 @@ def test_double_lane_change_beyond_80_is_marked():
     assert "non-standard" in maneuvers.build("double_lane_change", VAN, 100 / 3.6).standard
 
 
-def test_roundabout_is_driven_at_its_radius():
-    outputs, _ = run("roundabout", body=ROLL1)
-    middle = outputs[len(outputs) // 2]
-    assert middle[ports.VX] / middle[ports.YAW_RATE] == pytest.approx(22.0, rel=0.05)
-
-
 def test_replayed_steering_repeats_the_run():
     maneuver = maneuvers.build("double_lane_change", VAN)
     outputs, steer = open_loop.run_passive(VAN, NONLINEAR, maneuver)

@@ -178,23 +178,6 @@ def test_sines_of_the_nonlinear_car_have_the_linear_first_harmonic(excitation, l
         assert (np.abs(harmonic - linear) < 0.012 * np.abs(linear)).all()
 
 
-def test_responses_do_not_depend_on_the_differences(monkeypatch):
-    frequencies = np.array([0.1, 1.0, 5.0, 10.0])
-    for lateral in (0.0, 5.0):
-        trim = trimmed("nonlinear", lateral_acceleration=lateral)
-        for excitation in (unit(ports.STEER), MOMENT):
-            ours = linearise.linearise(trim).response(frequencies, excitation, SHOWN)
-            for factor in (0.2, 5.0):
-                with monkeypatch.context() as patch:
-                    patch.setattr(linearise, "DIFFERENCE", factor * linearise.DIFFERENCE)
-                    patch.setattr(
-                        linearise, "FORCE_DIFFERENCE", factor * linearise.FORCE_DIFFERENCE
-                    )
-                    other = linearise.linearise(trim).response(frequencies, excitation, SHOWN)
-                peak = np.abs(ours).max(axis=1, keepdims=True)
-                assert (np.abs(other - ours) < 1e-4 * peak).all()
-
-
 def test_modes_are_named_by_what_moves():
     found = modes(linearise.linearise(trimmed("nonlinear")))
     by_name = {}

@@ -427,34 +427,3 @@ def test_the_imu_feels_what_its_place_on_the_body_does(body, behind):
     askew = VEHICLE.sensors.imu_misalignment
     slip = max(askew) * np.degrees(np.abs(s["yaw_rate"]).max() + np.abs(s["pitch_rate"]).max())
     assert gyro == pytest.approx(np.degrees(rate[rows]), abs=0.01 + 2 * slip)
-
-
-def test_left_is_left_for_every_sensor():
-    """A left turn: wheel to the left, positive yaw rate and acceleration, right wheels loaded."""
-    world = World(
-        vehicle=VEHICLE,
-        body="nonlinear",
-        actuator="suspension",
-        maneuver=maneuvers.build("roundabout", VEHICLE),
-        profile=can_bus.load_profile("500k"),
-        sensors=SensorOptions.ideal(),
-    )
-    last = {}
-    t = 0
-    while world.signals["ay"][-1:].sum() < 2.0 and t < world.duration_ns:
-        t += TICK
-        for frame in world.advance(t):
-            last[MESSAGES[int(frame["ident"])].name] = decode(frame)
-    for frame in world.advance(t + 500 * MS):
-        last[MESSAGES[int(frame["ident"])].name] = decode(frame)
-    assert last["VehicleMotion"]["SteeringWheelAngle"] > 20
-    assert last["Imu"]["YawRate"] > 5
-    assert last["Imu"]["LateralAcceleration"] > 2
-    assert last["RollReference"]["RollAngle"] > 0.3
-    assert (
-        last["SuspensionTravel"]["TravelFrontLeft"]
-        > 0
-        > last["SuspensionTravel"]["TravelFrontRight"]
-    )
-    signals = world.signals
-    assert signals["wheel_load_front_right"][-1] > signals["wheel_load_front_left"][-1]
