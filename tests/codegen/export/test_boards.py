@@ -8,11 +8,9 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from support.bundles import make
+from support.bundles import export, make
 
 from codegen.export import bundle
-from codegen.export.header import gains_header
-from codegen.generated import signals
 from codegen.run import cortex, ecu_traffic, native
 
 pytestmark = pytest.mark.slow
@@ -53,18 +51,7 @@ int main(void)
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("boards")
-    bundle.write(
-        path,
-        bundle.Export(
-            record=RECORD,
-            gains=gains_header(RECORD, title=["sample"]),
-            title="A sample.",
-            dbc=signals.DBC,
-            map_file=signals.MAP,
-            traffic=ecu_traffic.random_traffic(3, 20),
-            origin="Random vectors.",
-        ),
-    )
+    bundle.write(path, export(RECORD, traffic=ecu_traffic.random_traffic(3, 20)))
     return path
 
 

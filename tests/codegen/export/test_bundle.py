@@ -8,13 +8,11 @@ from importlib.metadata import version
 
 import cantools
 import pytest
-from support.bundles import make
+from support.bundles import compared, export, make
 
 from canroll.cli import export_c
 from canroll.errors import CanrollError
 from codegen.export import a2l, bundle, interrupts
-from codegen.export.header import gains_header
-from codegen.generated import signals
 from codegen.run import cortex, ecu_traffic, memory_image, native
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
@@ -49,24 +47,10 @@ BO_ 293 Forces: 4 Ecu
 """
 
 
-def export(record, traffic, dbc=signals.DBC, map_file=signals.MAP):
-    return bundle.Export(
-        record=record,
-        gains=gains_header(record, title=["sample"]),
-        title="A sample.",
-        dbc=dbc,
-        map_file=map_file,
-        traffic=traffic,
-        origin="Random vectors.",
-    )
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("bundle")
-    bundle.write(
-        path, export(ecu_traffic.random_calibration(3), ecu_traffic.random_traffic(3, 100))
-    )
+    bundle.write(path, export(traffic=ecu_traffic.random_traffic(3, 100)))
     return path
 
 
@@ -282,7 +266,8 @@ def test_a_users_own_bus_without_e2e(tmp_path):
     memory_image.sealed(record)
     traffic = ecu_traffic.random_traffic(2, 60, hostile=1.0)
     out = tmp_path / "out"
-    bundle.write(out, export(record, traffic, tmp_path / "own.dbc", tmp_path / "own.toml"))
+    paths = {"dbc": tmp_path / "own.dbc", "map_file": tmp_path / "own.toml"}
+    bundle.write(out, export(record, traffic=traffic, **paths))
     result = make(out, "test")
     assert result.returncode == 0, result.stderr + result.stdout
     source = (out / "src" / "canroll_signals.c").read_text()
@@ -336,17 +321,9 @@ def test_an_image_without_the_records_is_refused(tmp_path):
         export_c.address(tmp_path, tmp_path / "none.elf", None)
 
 
-def compared(folder, *options):
-    """Build the comparison of a bundle's codec with cantools and run it."""
-    result = make(folder, "build/codec", "CFLAGS=-std=c99 -O1 -Wall -Wextra -Wpedantic -Werror")
-    assert result.returncode == 0, result.stderr
-    command = [sys.executable, str(folder / "test" / "test_codec.py"), *options]
-    return subprocess.run(command, capture_output=True, text=True, timeout=1800, check=False)
-
-
 @pytest.mark.slow
 def test_its_codec_is_what_cantools_says(folder):
-    result = compared(folder, "--frames", "200")
+    result = compared(folder, 200)
     assert result.returncode == 0, result.stdout
     # five messages received, five sent, and five pages of the diagnostics
     assert result.stdout.count("PASS") == 17
@@ -361,7 +338,7 @@ def test_another_codec_is_noticed(folder, tmp_path):
     for old, new in (("767603923", "767603900"), (rounded, "(ecu->force[0] >> 15)")):
         assert old in text
         source.write_text(text.replace(old, new))
-        result = compared(tmp_path / "changed", "--frames", "2000")
+        result = compared(tmp_path / "changed", 2000)
         assert result.returncode == 1 and "FAIL" in result.stdout
 
 

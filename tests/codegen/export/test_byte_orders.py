@@ -4,6 +4,7 @@ import shutil
 import subprocess
 
 import pytest
+from support.bundles import export
 
 import dbc
 import vehicles
@@ -55,17 +56,8 @@ def folder(request, tmp_path_factory):
     path = tmp_path_factory.mktemp(request.param)
     changes = {"dbc": signals.DBC, "map_file": signals.MAP, **BUNDLES[request.param]}
     bus = of_bus(changes["dbc"], changes["map_file"]).bus
-    bundle.write(
-        path,
-        bundle.Export(
-            record=RECORD,
-            gains=gains_header(RECORD, title=["sample"]),
-            title="A sample.",
-            traffic=ecu_traffic.random_traffic(3, 100, hostile=0.3, bus=bus),
-            origin="Random vectors.",
-            **changes,
-        ),
-    )
+    traffic = ecu_traffic.random_traffic(3, 100, hostile=0.3, bus=bus)
+    bundle.write(path, export(RECORD, traffic=traffic, **changes))
     return path
 
 

@@ -4,13 +4,12 @@ import re
 import subprocess
 
 import pytest
-from support.bundles import make
+from support.bundles import export, make
 
 import dbc as contract
 from canroll.cli.main import main
 from canroll.errors import CanrollError
 from codegen.export import bundle, prefix
-from codegen.export.header import gains_header
 from codegen.generated import signals
 from codegen.run import ecu_traffic, native
 
@@ -37,21 +36,9 @@ int main(void)
 
 
 def write(folder, name, files=(signals.DBC, signals.MAP), **options):
-    record = ecu_traffic.random_calibration(3)
-    bundle.write(
-        folder,
-        bundle.Export(
-            record=record,
-            gains=gains_header(record, title=["sample"]),
-            title="A sample.",
-            dbc=files[0],
-            map_file=files[1],
-            traffic=ecu_traffic.random_traffic(3, 20),
-            origin="Random vectors.",
-            prefix=name,
-            **options,
-        ),
-    )
+    traffic = ecu_traffic.random_traffic(3, 20)
+    made = export(dbc=files[0], map_file=files[1], traffic=traffic, prefix=name, **options)
+    bundle.write(folder, made)
     return folder
 
 

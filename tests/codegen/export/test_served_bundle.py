@@ -3,31 +3,16 @@
 import re
 
 import pytest
-from support.bundles import make
+from support.bundles import export, make
 
 from canroll.cli import main
 from codegen.export import bundle
-from codegen.export.header import gains_header
 from codegen.generated import signals
-from codegen.run import ecu_traffic, native
+from codegen.run import native
 from codegen.run.bus_firmware import built_in
 from codegen.subset.parse import load
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs cc (package gcc)")
-RECORD = ecu_traffic.random_calibration(3)
-
-
-def export(**changes):
-    return bundle.Export(
-        record=RECORD,
-        gains=gains_header(RECORD, title=["test"]),
-        title="test",
-        dbc=signals.DBC,
-        map_file=signals.MAP,
-        traffic=ecu_traffic.random_traffic(1, 20),
-        origin="Random.",
-        **changes,
-    )
 
 
 @pytest.mark.slow

@@ -1,44 +1,30 @@
 """The bundle for a network that several files describe: that of one file, and all the files."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 
 import pytest
 from support import split_bus
-from support.bundles import make
+from support.bundles import compared, export
 
 from canroll.errors import CanrollError
 from codegen.export import bundle
-from codegen.export.header import gains_header
-from codegen.generated import bus_map
-from codegen.run import ecu_traffic, memory_image, native
+from codegen.run import native
 
 NAMED = ("README.md", "test/codec.json")
 """Files that name the descriptions, besides comments in the sources."""
 
 
-def export(files):
-    record = ecu_traffic.random_calibration(3)
-    memory_image.sealed(record)
-    return bundle.Export(
-        record=record,
-        gains=gains_header(record, title=["split"]),
-        title="Split.",
-        dbc=files,
-        map_file=split_bus.MAP,
-        traffic=ecu_traffic.random_traffic(2, 60, bus=bus_map.load(files, split_bus.MAP)),
-        origin="Random vectors.",
-    )
+def of_files(files):
+    return export(dbc=files, map_file=split_bus.MAP)
 
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bundles")
     files = split_bus.write(folder)
-    bundle.write(folder / "both", export(files))
-    bundle.write(folder / "one", export(split_bus.OWN))
+    bundle.write(folder / "both", of_files(files))
+    bundle.write(folder / "one", of_files(split_bus.OWN))
     return folder / "both", folder / "one", files
 
 
@@ -78,10 +64,7 @@ def test_it_has_all_files(folders):
 @pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 def test_its_codec_agrees_with_cantools(folders):
     both, _, _ = folders
-    done = make(both, "build/codec", "CFLAGS=-std=c99 -O1 -Wall -Werror")
-    assert done.returncode == 0, done.stdout + done.stderr
-    command = [sys.executable, str(both / "test" / "test_codec.py"), "--frames", "200"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+    done = compared(both, 200)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count("PASS") == 7
 
@@ -90,7 +73,7 @@ def test_two_files_of_one_name_are_refused(folders, tmp_path):
     car, actuators = folders[2]
     other = tmp_path / "car.dbc"
     other.write_bytes(actuators.read_bytes())
-    wanted = replace(export((car, actuators)), dbc=(car, other))
+    wanted = replace(of_files((car, actuators)), dbc=(car, other))
     with pytest.raises(CanrollError, match=r"car\.dbc is the name of several network descriptions"):
         bundle.write(tmp_path / "bundle", wanted)
     assert not (tmp_path / "bundle").exists()

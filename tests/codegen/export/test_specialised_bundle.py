@@ -3,14 +3,14 @@
 import shutil
 
 import pytest
-from support.bundles import make
+from support import split_bus
+from support.bundles import export, make
 
 import dbc as contract
 from canroll.cli import main
 from canroll.errors import CanrollError
 from codegen.export import a2l, bundle, misra
 from codegen.export.header import gains_header
-from codegen.generated import signals
 from codegen.run import cortex, ecu_traffic, memory_image, native
 from codegen.run.bus_firmware import of_bus
 from firmware.calibration import Calibration
@@ -21,40 +21,14 @@ pytestmark = [
 ]
 STRICT = "-std=c99 -O1 -Wall -Wextra -Wconversion -Wsign-conversion -Wshadow -Wpedantic -Werror"
 SANITIZED = "-std=c99 -O1 -g -fsanitize=undefined,address -fno-sanitize-recover=all"
-DBC = """VERSION ""
-NS_ :
-BS_:
-BU_: Ecu Car
-BO_ 291 Inertial: 5 Car
- SG_ Rate : 7|16@0- (0.01,0) [-327|327] "deg/s" Ecu
- SG_ Lateral : 23|12@0+ (0.02,-40) [-40|40] "m/s2" Ecu
-BO_ 293 Forces: 4 Ecu
- SG_ Left : 7|16@0- (0.5,0) [-4000|4000] "N" Car
- SG_ Right : 23|16@0- (0.5,0) [-4000|4000] "N" Car
-"""
-MAP = """schema = 1
-[receive.imu]
-message = "Inertial"
-signals.Rate = "roll_rate"
-signals.Lateral = "lateral_acceleration"
-[transmit.suspension_force]
-message = "Forces"
-signals.Left = "force[0]"
-signals.Right = "force[1]"
-"""
+OWN = {"dbc": split_bus.OWN, "map_file": split_bus.MAP}
+SECURED = {"dbc": contract.SECURED_PATH, "map_file": contract.SECURED_MAP}
 
 
-def export(record, *, specialised=True, dbc=signals.DBC, map_file=signals.MAP):
-    return bundle.Export(
-        record=record,
-        gains=gains_header(record, title=["sample"]),
-        title="A sample.",
-        dbc=dbc,
-        map_file=map_file,
-        traffic=ecu_traffic.random_traffic(3, 150, hostile=0.3, bus=of_bus(dbc, map_file).bus),
-        origin="Random vectors.",
-        specialised=specialised,
-    )
+def special(record, **paths):
+    bus = of_bus(paths["dbc"], paths["map_file"]).bus if paths else None
+    traffic = ecu_traffic.random_traffic(3, 150, hostile=0.3, bus=bus)
+    return export(record, traffic=traffic, specialised=True, **paths)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +39,7 @@ def record():
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, record):
     path = tmp_path_factory.mktemp("specialised")
-    bundle.write(path, export(record))
+    bundle.write(path, special(record))
     return path
 
 
@@ -153,23 +127,21 @@ def test_what_specialised_code_cannot_have_is_refused(tmp_path, capsys, option):
 
 def test_it_is_not_mixed_with_general_code(folder, record, tmp_path):
     with pytest.raises(CanrollError, match=r"canroll_specialised\.c: of an export"):
-        bundle.write(folder, export(record, specialised=False))
+        bundle.write(folder, export(record))
     general = tmp_path / "general"
-    bundle.write(general, export(record, specialised=False))
+    bundle.write(general, export(record))
     with pytest.raises(CanrollError, match="of an export with other files"):
-        bundle.write(general, export(record))
+        bundle.write(general, special(record))
 
 
 @pytest.mark.long
 def test_a_users_own_bus(tmp_path, record):
-    (tmp_path / "own.dbc").write_text(DBC)
-    (tmp_path / "own.toml").write_text(MAP)
     own = Calibration()
     memory_image.fill(own, memory_image.image(record))
     own.e2e = 0
     memory_image.sealed(own)
     out = tmp_path / "out"
-    bundle.write(out, export(own, dbc=tmp_path / "own.dbc", map_file=tmp_path / "own.toml"))
+    bundle.write(out, special(own, **OWN))
     result = make(out, "test")
     assert result.returncode == 0, result.stderr + result.stdout
 
@@ -177,7 +149,7 @@ def test_a_users_own_bus(tmp_path, record):
 @pytest.fixture(scope="module")
 def secured(tmp_path_factory, record):
     path = tmp_path_factory.mktemp("secured")
-    bundle.write(path, export(record, dbc=contract.SECURED_PATH, map_file=contract.SECURED_MAP))
+    bundle.write(path, special(record, **SECURED))
     return path
 
 

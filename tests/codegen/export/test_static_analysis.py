@@ -4,14 +4,12 @@ import re
 import shutil
 
 import pytest
-from support.bundles import make
+from support.bundles import export, make
 from support.sample import Sample
 
 import dbc
 from codegen.c99 import emit
 from codegen.export import bundle, misra
-from codegen.export.header import gains_header
-from codegen.generated import signals
 from codegen.run import ecu_traffic, native
 from codegen.run.bus_firmware import built_in, of_bus, with_services
 from codegen.run.service import SERVICES
@@ -73,18 +71,8 @@ def test_cppcheck_does_find_faults(tmp_path):
 @pytest.mark.parametrize("seed", [3, pytest.param(9, marks=pytest.mark.long)])
 def test_sanitizers_have_nothing_to_say(tmp_path, seed):
     record = ecu_traffic.random_calibration(seed)
-    bundle.write(
-        tmp_path,
-        bundle.Export(
-            record=record,
-            gains=gains_header(record, title=["sample"]),
-            title="A sample.",
-            dbc=signals.DBC,
-            map_file=signals.MAP,
-            traffic=ecu_traffic.random_traffic(seed, 200, hostile=0.5),
-            origin="Random.",
-        ),
-    )
+    traffic = ecu_traffic.random_traffic(seed, 200, hostile=0.5)
+    bundle.write(tmp_path, export(record, traffic=traffic))
     flags = "-std=c99 -O1 -g -fsanitize=undefined,address -fno-sanitize-recover=all"
     result = make(tmp_path, "test", f"CFLAGS={flags}")
     assert result.returncode == 0, result.stderr

@@ -5,20 +5,18 @@ What cannot be one is refused in a line.
 
 import math
 import struct
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support import compiled_states, float_bus
-from support.bundles import make
+from support import float_bus
+from support.bundles import compared, export, make
+from support.replays import compare
 
 from canroll.errors import CanrollError
 from canroll.extensions.exchange.fmu import ecu_signals
 from codegen.export import bundle
-from codegen.export.header import gains_header
 from codegen.generated import bus_map
 from codegen.proof.prove import prove
 from codegen.run import ecu_traffic, memory_image, native
@@ -106,28 +104,18 @@ def calibration():
 
 @pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 def test_c_gives_the_states_of_python(firmware):
-    compiled_states.compare(firmware, calibration())
+    traffic = ecu_traffic.random_traffic(5, 60, bus=firmware.bus)
+    compare(firmware, calibration(), traffic)
 
 
 @pytest.mark.long
 @pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 def test_the_bundle_passes_and_agrees_with_cantools(paths, tmp_path):
     dbc, map_file = paths
-    record = calibration()
-    export = bundle.Export(
-        record=record,
-        gains=gains_header(record, title=["float"]),
-        title="Float.",
-        dbc=dbc,
-        map_file=map_file,
-        traffic=ecu_traffic.random_traffic(2, 60, bus=bus_map.load(dbc, map_file)),
-        origin="Random vectors.",
-    )
-    bundle.write(tmp_path, export)
-    done = make(tmp_path, "test", "build/codec", "CFLAGS=-std=c99 -O1 -Wall -Wextra -Werror")
+    bundle.write(tmp_path, export(dbc=dbc, map_file=map_file))
+    done = make(tmp_path, "test", "CFLAGS=-std=c99 -O1 -Wall -Wextra -Werror")
     assert done.returncode == 0, done.stdout + done.stderr
-    command = [sys.executable, str(tmp_path / "test" / "test_codec.py"), "--frames", "5000"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+    done = compared(tmp_path, 5000)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count("PASS") == 8 and done.stderr == ""
 

@@ -1,23 +1,16 @@
 """Multiplexed frames of a user's bus: the page received, the page sent, what is refused."""
 
 import re
-import types
 
 import numpy as np
 import pytest
 from cantools.database import load_string
+from support.replays import compare
 
 from canroll.errors import CanrollError
-from codegen.export import bundle
 from codegen.generated import bus_map
-from codegen.generated import protection as protection_source
-from codegen.generated import signals as signal_source
 from codegen.run import ecu_traffic, memory_image, native
-from firmware import ecu as loop
-from firmware import event_trigger, plausibility, supervisor
-from firmware.calibration import Calibration
-from firmware.com import mailbox, transmit
-from firmware.state import Ecu
+from codegen.run.bus_firmware import of_bus
 
 DBC = """VERSION ""
 NS_ :
@@ -67,19 +60,9 @@ def files(tmp_path, dbc=DBC, table=MAP):
 
 
 @pytest.fixture
-def bus(tmp_path, monkeypatch):
-    """The firmware in Python on this bus."""
-    paths = files(tmp_path)
-    for name, generate in (
-        ("signals", signal_source.generate),
-        ("protection", protection_source.generate),
-    ):
-        module = types.ModuleType(name)
-        exec(compile(generate(*paths), name, "exec"), module.__dict__)
-        for user in (mailbox, transmit, event_trigger, plausibility, supervisor):
-            if hasattr(user, name):
-                monkeypatch.setattr(user, name, module)
-    return paths
+def firmware(tmp_path):
+    """The firmware on this bus."""
+    return of_bus(*files(tmp_path))
 
 
 def calibration():
@@ -93,8 +76,8 @@ def imu(page, **values):
     return list(DATABASE.encode_message("Imu", {"Which": page, **values}))
 
 
-def test_a_received_page_is_taken_and_every_other_passed_by(bus):
-    cal, ecu = calibration(), Ecu()
+def test_a_received_page_is_taken_and_every_other_passed_by(firmware):
+    loop, cal, ecu = firmware.loop, calibration(), firmware.record()
     assert loop.init(ecu, cal) == 0
     for k in range(40):
         # the wanted page is never the last frame before a tick
@@ -113,27 +96,27 @@ def test_a_received_page_is_taken_and_every_other_passed_by(bus):
         assert ecu.age[0] == k + 1
 
 
-def test_a_page_sent_carries_its_selector(bus):
-    cal, ecu = calibration(), Ecu()
+def test_a_page_sent_carries_its_selector(firmware):
+    loop, cal, ecu = firmware.loop, calibration(), firmware.record()
     assert loop.init(ecu, cal) == 0
     ecu.force = [100 << 14, -100 << 14, 0, 0]
-    transmit.signals.pack(ecu, 0)
+    firmware.module("com.signals").pack(ecu, 0)
     decoded = DATABASE.decode_message("Force", bytes(ecu.tx_payload[0][:7]))
     assert decoded == {"Page": 3, "Left": 100.0, "Right": -100.0}
 
 
-def test_diagnostics_send_their_pages_in_turn(bus):
-    cal, ecu = calibration(), Ecu()
+def test_diagnostics_send_their_pages_in_turn(firmware):
+    loop, cal, ecu = firmware.loop, calibration(), firmware.record()
     assert loop.init(ecu, cal) == 0
     seen = []
     for k in range(7):
         ecu.fault_count[16], ecu.fault_count[17], ecu.fault_active = 20, 30, 1 << 16
         ecu.lateral_lost = k & 1
-        transmit.signals.pack(ecu, 5)
+        firmware.module("com.signals").pack(ecu, 5)
         decoded = DATABASE.decode_message("Faults", bytes(ecu.tx_payload[5]))
         assert decoded.pop("Top") == k & 1
         seen.append(decoded)
-        ecu.diagnostics_page = (ecu.diagnostics_page + 1) % transmit.signals.PAGES
+        ecu.diagnostics_page = (ecu.diagnostics_page + 1) % firmware.module("com.signals").PAGES
     turn = [
         {"Part": 1, "Active": 1 << 16},
         {"Part": 4, "Count0": 20},
@@ -142,8 +125,8 @@ def test_diagnostics_send_their_pages_in_turn(bus):
     assert seen == (3 * turn)[:7]
 
 
-def test_the_loop_turns_the_pages_of_this_bus(bus):
-    cal, ecu = calibration(), Ecu()
+def test_the_loop_turns_the_pages_of_this_bus(firmware):
+    loop, cal, ecu = firmware.loop, calibration(), firmware.record()
     assert loop.init(ecu, cal) == 0
     pages = []
     for _ in range(6):
@@ -154,24 +137,9 @@ def test_the_loop_turns_the_pages_of_this_bus(bus):
 
 @pytest.mark.slow
 @pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
-def test_c_gives_the_bytes_of_python(bus):
-    cal = calibration()
-    library = native.build(bundle.sources(*bus))
-    cals = np.frombuffer(memory_image.image(cal), memory_image.dtype(Calibration), 1).copy()
-    traffic = ecu_traffic.random_traffic(3, 60, bus=bus_map.load(*bus))
-    run = library.replay(library.start(cals), cals, [traffic], states=True)
-    ecu = Ecu()
-    assert loop.init(ecu, cal) == 0
-    for t in range(traffic.ticks):
-        for event in traffic.frames[traffic.frames["tick"] == t]:
-            loop.receive(ecu, event["message"], event["payload"].tolist(), event["length"])
-        loop.tick(ecu, cal, int(traffic.elapsed[t]))
-        ecu.tx_pending = [0] * 6
-        state = run.states[0, t].tobytes()
-        assert memory_image.image(ecu) == state, (
-            t,
-            memory_image.differences(Ecu, memory_image.image(ecu), state),
-        )
+def test_c_gives_the_bytes_of_python(firmware):
+    traffic = ecu_traffic.random_traffic(3, 60, bus=firmware.bus)
+    compare(firmware, calibration(), traffic)
 
 
 @pytest.mark.parametrize(

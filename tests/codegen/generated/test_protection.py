@@ -10,6 +10,7 @@ from e2e import p01, p02, p04, p05, p06, p07, p11
 from hypothesis import given
 from hypothesis import strategies as st
 from support.compiled_protection import CompiledProtection
+from support.replays import replayed
 
 from canroll.errors import CanrollError
 from codegen.export import bundle
@@ -495,9 +496,7 @@ def test_c_sends_the_frames_of_the_whole_loop(tmp_path, name):
     record.timeout_ticks = [5, 5, 0, 0, 5] if record.observer == 0 else [5, 5, 0, 0, 0]
     record.e2e, record.status_ticks, record.actuator = 1, 1, 0
     memory_image.sealed(record)
-    cals = np.frombuffer(memory_image.image(record), memory_image.dtype(Calibration), 1).copy()
-    traffic = ecu_traffic.random_traffic(5, 40, bus=bus)
-    run = library.replay(library.start(cals), cals, [traffic])
+    run = replayed(library, record, ecu_traffic.random_traffic(5, 40, bus=bus))
     its = bus.transmitted[4].protection
     status = run.frames[run.frames["message"] == 4]
     assert len(status) == 40
@@ -629,9 +628,7 @@ def one_with_forces(library, traffic):
         record.timeout_ticks, record.observer, record.actuator = [5, 5, 0, 0, 0], 1, 0
         record.law, record.compensator_outputs = 0, 1
         record.e2e, record.init_ticks = 1, 3
-        memory_image.sealed(record)
-        cals = np.frombuffer(memory_image.image(record), memory_image.dtype(Calibration), 1).copy()
-        run = library.replay(library.start(cals), cals, [traffic], states=True)
+        run = replayed(library, memory_image.sealed(record), traffic)
         if run.states["force"].any():
             return run
     pytest.fail("no calibration lets the suspension push")

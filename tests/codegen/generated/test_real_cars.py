@@ -3,19 +3,15 @@
 The files are those of the package opendbc (``pip install --no-deps opendbc``).
 """
 
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from support.bundles import compared, export, make
 
 from codegen.export import bundle, coverage_cases, figures
-from codegen.export.header import gains_header
 from codegen.generated import bus_map
 from codegen.run import ecu_traffic, memory_image, native
 
-FRAMES = "2000"
 REPAIRED = ("vw_meb", "mazda_2017")
 ITSELF = ("vw_meb",)
 """Its bundle runs its own tests too; what they run of the others is the same loop."""
@@ -109,29 +105,17 @@ def test_a_real_cars_frames_are_read_as_cantools_reads_them(car, tmp_path, monke
     record = ecu_traffic.random_calibration(3)
     record.e2e = 0
     memory_image.sealed(record)
-    export = bundle.Export(
-        record=record,
-        gains=gains_header(record, title=[car]),
-        title=car,
-        dbc=dbc,
-        map_file=map_file,
-        traffic=ecu_traffic.random_traffic(2, 60, bus=bus),
-        origin="Random vectors.",
-    )
     if car not in ITSELF:
         # only the codec of the bundle is run
         monkeypatch.setattr(coverage_cases, "general", lambda firmware: "")
         monkeypatch.setattr(figures, "table", lambda *_: "")
     folder = tmp_path / "bundle"
-    bundle.write(folder, export)
+    bundle.write(folder, export(record, dbc=dbc, map_file=map_file))
     as_it_is = (folder / dbc.name).read_bytes() == dbc.read_bytes()
     assert as_it_is == (car not in REPAIRED)
-    assert shutil.which("make")
-    goals = ["test", "build/codec"] if car in ITSELF else ["build/codec"]
-    for command in (
-        ["make", "-C", str(folder), *goals, "CFLAGS=-std=c99 -O1 -Wall -Werror"],
-        [sys.executable, str(folder / "test" / "test_codec.py"), "--frames", FRAMES],
-    ):
-        result = subprocess.run(command, capture_output=True, text=True, timeout=1800, check=False)
-        assert result.returncode == 0, result.stdout + result.stderr
+    if car in ITSELF:
+        done = make(folder, "test", "CFLAGS=-std=c99 -O1 -Wall -Werror")
+        assert done.returncode == 0, done.stdout + done.stderr
+    result = compared(folder, 2000)
+    assert result.returncode == 0, result.stdout + result.stderr
     assert "FAIL" not in result.stdout and result.stdout.count("PASS") >= 2

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support import compiled_states
+from support.replays import compare
 
 from canroll.errors import CanrollError
 from codegen.generated import bus_map
@@ -226,7 +226,8 @@ def test_a_signal_that_another_says_has_no_value_keeps_the_last(firmware):
 @pytest.mark.slow
 @pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 def test_c_gives_the_states_of_python(firmware):
-    compiled_states.compare(firmware, calibration())
+    traffic = ecu_traffic.random_traffic(5, 60, bus=firmware.bus)
+    compare(firmware, calibration(), traffic)
 
 
 @pytest.mark.parametrize(

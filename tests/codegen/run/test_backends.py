@@ -1,7 +1,7 @@
 """All backends give the same bytes: on the bus and in memory, tick by tick."""
 
-import numpy as np
 import pytest
+from support.replays import images, replayed
 
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.run import backends, ecu_traffic, memory_image, native
@@ -27,17 +27,11 @@ def python_states(calibration, traffic):
     return frames, states
 
 
-def replay(calibration, traffic):
-    cals = np.frombuffer(memory_image.image(calibration), memory_image.dtype(Calibration), 1).copy()
-    library = native.library()
-    return library.replay(library.start(cals), cals, [traffic], states=True)
-
-
 def compare(seed, ticks, hostile=0.15):
     calibration = ecu_traffic.random_calibration(seed)
     traffic = ecu_traffic.random_traffic(seed, ticks, hostile=hostile)
     frames, states = python_states(calibration, traffic)
-    got = replay(calibration, traffic)
+    got = replayed(native.library(), calibration, traffic)
     for t, expected in enumerate(states):
         found = got.states[0, t].tobytes()
         assert found == expected, (seed, t, memory_image.differences(Ecu, expected, found))
@@ -75,9 +69,7 @@ def test_a_batch_is_its_single_ecus():
     traffic = [ecu_traffic.random_traffic(seed, 60) for seed in range(5)]
     for each in traffic[1:]:
         each.elapsed[:] = traffic[0].elapsed
-    cals = np.frombuffer(
-        b"".join(map(memory_image.image, records)), memory_image.dtype(Calibration)
-    ).copy()
+    cals = images(*records)
     together = library.start(cals)
     batch = library.replay(together, cals, traffic)
     begin = 0

@@ -1,7 +1,6 @@
 """The firmware for a bus of CAN FD frames: proved, the same on every back end, cantools' frames."""
 
 import json
-import subprocess
 from pathlib import Path
 
 import cantools
@@ -10,11 +9,12 @@ import pytest
 from e2e import p05
 from hypothesis import given
 from hypothesis import strategies as st
+from support.bundles import export, make
+from support.replays import compare, replayed
 
 import dbc
 from canroll.errors import CanrollError
 from codegen.export import bundle
-from codegen.export.header import gains_header
 from codegen.generated import bus_map, mailbox, signals
 from codegen.proof.prove import prove
 from codegen.run import (
@@ -51,27 +51,6 @@ def calibration(**changes):
     return memory_image.sealed(record)
 
 
-def states(record, traffic):
-    """State images of CPython, frames put in their mailboxes by number."""
-    loop, ecu = FIRMWARE.loop, FIRMWARE.record()
-    assert loop.init(ecu, record) == 0
-    images = []
-    for t in range(traffic.ticks):
-        for frame in traffic.frames[traffic.frames["tick"] == t]:
-            payload = frame["payload"].tolist()
-            loop.receive(ecu, int(frame["message"]), payload, int(frame["length"]))
-        loop.tick(ecu, record, int(traffic.elapsed[t]))
-        ecu.tx_pending = [0] * len(ecu.tx_pending)
-        images.append(memory_image.image(ecu))
-    return images
-
-
-def reference(record, traffic):
-    cals = np.frombuffer(memory_image.image(record), memory_image.dtype(Calibration), 1).copy()
-    library = native.library_of(FIRMWARE)
-    return library.replay(library.start(cals), cals, [traffic], states=True)
-
-
 def test_mailboxes_have_the_room_that_the_bus_needs():
     assert bus_firmware.built_in().record().rx_payload[0] == [0] * 8
     ecu = FIRMWARE.record()
@@ -89,10 +68,7 @@ def test_it_is_proved(tmp_path):
 def test_native_is_python(seed):
     record = ecu_traffic.random_calibration(seed)
     traffic = ecu_traffic.random_traffic(seed, 40, bus=FIRMWARE.bus)
-    got = reference(record, traffic)
-    for t, expected in enumerate(states(record, traffic)):
-        found = got.states[0, t].tobytes()
-        assert found == expected, memory_image.differences(FIRMWARE.record, expected, found)
+    compare(FIRMWARE, record, traffic)
 
 
 @pytest.mark.slow
@@ -101,10 +77,8 @@ def test_native_is_python(seed):
 def test_cortex_m4_is_native():
     record = ecu_traffic.random_calibration(5)
     traffic = ecu_traffic.random_traffic(5, 12, bus=FIRMWARE.bus)
-    run, expected = (
-        unicorn_run.replay(record, traffic, "cortex-m4", FIRMWARE),
-        reference(record, traffic),
-    )
+    run = unicorn_run.replay(record, traffic, "cortex-m4", FIRMWARE)
+    expected = replayed(native.library_of(FIRMWARE), record, traffic)
     assert run.states.tobytes() == expected.states[0].tobytes()
     assert run.frames.tobytes() == expected.frames.tobytes()
 
@@ -116,7 +90,7 @@ def test_qemu_is_native():
     record = ecu_traffic.random_calibration(6)
     traffic = ecu_traffic.random_traffic(6, 60, bus=FIRMWARE.bus)
     run = qemu_run.replay(record, traffic, "cortex-m4", firmware=FIRMWARE)
-    expected = reference(record, traffic)
+    expected = replayed(native.library_of(FIRMWARE), record, traffic)
     assert run.states.tobytes() == expected.states[0].tobytes()
     assert run.frames.tobytes() == expected.frames.tobytes()
 
@@ -267,26 +241,13 @@ def test_what_is_no_fd_frame_cannot_be_long(tmp_path):
 @pytest.mark.long
 @needs_cc
 def test_its_bundle_passes_its_vectors(tmp_path):
-    record = ecu_traffic.random_calibration(3)
-    bundle.write(
-        tmp_path,
-        bundle.Export(
-            record=record,
-            gains=gains_header(record, title=["sample"]),
-            title="A sample.",
-            dbc=PATHS[0],
-            map_file=PATHS[1],
-            traffic=ecu_traffic.random_traffic(3, 60, bus=FIRMWARE.bus),
-            origin="Random vectors.",
-        ),
-    )
+    bundle.write(tmp_path, export(dbc=PATHS[0], map_file=PATHS[1]))
     goals = ["test"]
     if cortex.has_gcc_and_qemu():
         goals += ["run", "example.elf"]
     flags = "CFLAGS=-std=c99 -O1 -Wall -Wextra -Wpedantic -Wconversion -Werror"
     for goal in goals:
-        command = ["make", "-C", str(tmp_path), goal, *([flags] if goal == "test" else [])]
-        result = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+        result = make(tmp_path, goal, *([flags] if goal == "test" else []))
         assert result.returncode == 0, result.stderr
     assert "CAN FD" in (tmp_path / "README.md").read_text()
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from support.replays import replayed
 
 from codegen.run import backends, cortex, ecu_traffic, memory_image, native, qemu, unicorn
 from codegen.run.backends import Recorder
 from codegen.worst_case.footprint import FLOAT, footprint
-from firmware.calibration import Calibration
 from firmware.com.signals import RX_IDS
 from firmware.state import ACTIVE, DEGRADED, Ecu
 from tools import recorded_traffic
@@ -19,12 +19,6 @@ pytestmark = [
 needs_qemu = pytest.mark.skipif(
     not cortex.has_gcc_and_qemu(), reason="needs arm-none-eabi-gcc and qemu-system-arm"
 )
-
-
-def reference(calibration, traffic):
-    cals = np.frombuffer(memory_image.image(calibration), memory_image.dtype(Calibration), 1).copy()
-    library = native.library()
-    return library.replay(library.start(cals), cals, [traffic], states=True)
 
 
 def compare(run, expected):
@@ -41,33 +35,24 @@ def compare(run, expected):
 @pytest.mark.parametrize("cpu", CPUS)
 def test_unicorn_is_native(cpu):
     for seed in (3, 9):
-        calibration, traffic = (
-            ecu_traffic.random_calibration(seed),
-            ecu_traffic.random_traffic(seed, 12),
-        )
-        compare(unicorn.replay(calibration, traffic, cpu), reference(calibration, traffic))
+        both = ecu_traffic.random_calibration(seed), ecu_traffic.random_traffic(seed, 12)
+        compare(unicorn.replay(*both, cpu), replayed(native.library(), *both))
 
 
 @needs_qemu
 @pytest.mark.parametrize("cpu", CPUS)
 def test_qemu_is_native(cpu):
     for seed in (0, 4):
-        calibration, traffic = (
-            ecu_traffic.random_calibration(seed),
-            ecu_traffic.random_traffic(seed, 100),
-        )
-        compare(qemu.replay(calibration, traffic, cpu), reference(calibration, traffic))
+        both = ecu_traffic.random_calibration(seed), ecu_traffic.random_traffic(seed, 100)
+        compare(qemu.replay(*both, cpu), replayed(native.library(), *both))
 
 
 @needs_qemu
 @pytest.mark.slow
 def test_qemu_is_native_for_long():
     for seed in range(20):
-        calibration, traffic = (
-            ecu_traffic.random_calibration(seed),
-            ecu_traffic.random_traffic(seed, 500),
-        )
-        compare(qemu.replay(calibration, traffic, "cortex-m4"), reference(calibration, traffic))
+        both = ecu_traffic.random_calibration(seed), ecu_traffic.random_traffic(seed, 500)
+        compare(qemu.replay(*both, "cortex-m4"), replayed(native.library(), *both))
 
 
 def test_a_cortex_behind_the_interface_replays_what_was_recorded():

@@ -4,13 +4,11 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from support.replays import compare, replayed
 
-from codegen.run import cortex, ecu_traffic, memory_image, native, qemu
-from codegen.run.backends import PythonEcu
+from codegen.run import cortex, ecu_traffic, native, qemu
 from codegen.run.bus_firmware import built_in
-from firmware.calibration import Calibration
-from firmware.com.signals import RX_IDS
-from firmware.state import ACTIVE, Ecu
+from firmware.state import ACTIVE
 from tools.recorded_traffic import CASES, record
 
 pytestmark = [
@@ -25,25 +23,6 @@ def recorded():
     return [record(case, 3.0) for case in (CASES[2], CASES[-1])]
 
 
-def reference(calibration, traffic):
-    """Results of the native library."""
-    cals = np.frombuffer(memory_image.image(calibration), memory_image.dtype(Calibration), 1).copy()
-    library = native.library_of(built_in())
-    return library.replay(library.start(cals), cals, [traffic], states=True)
-
-
-def python_states(calibration, traffic):
-    """The state after each tick in CPython."""
-    ecu = PythonEcu(calibration)
-    bounds = np.searchsorted(traffic.frames["tick"], np.arange(traffic.ticks + 1))
-    for t in range(traffic.ticks):
-        for event in traffic.frames[bounds[t] : bounds[t + 1]]:
-            ident = RX_IDS[event["message"]]
-            ecu.receive(ident, event["payload"].tobytes(), int(event["length"]))
-        ecu.tick(int(traffic.elapsed[t]))
-        yield ecu.image()
-
-
 def runs(recorded, first, count):
     """One of four is a random calibration in random traffic, three are disturbed recordings."""
     for k in range(first, first + count):
@@ -55,19 +34,11 @@ def runs(recorded, first, count):
             yield chosen.calibration, ecu_traffic.disturbed(chosen.traffic, k)
 
 
-def assert_equal(calibration, traffic, states):
-    for t, (wanted, state) in enumerate(
-        zip(reference(calibration, traffic).states[0], states, strict=True)
-    ):
-        differing = memory_image.differences(Ecu, wanted.tobytes(), state)
-        assert state == wanted.tobytes(), f"tick {t}: {', '.join(differing)}"
-
-
 @pytest.mark.parametrize("first", [1001, pytest.param(2001, marks=pytest.mark.long)])
 def test_python_is_native(recorded, first):
     count = 4 if first == 1001 else 120
     for calibration, traffic in runs(recorded, first, count):
-        assert_equal(calibration, traffic, python_states(calibration, traffic))
+        compare(built_in(), calibration, traffic)
 
 
 @pytest.mark.long
@@ -75,14 +46,16 @@ def test_python_is_native(recorded, first):
 def test_a_cortex_is_native(recorded):
     for calibration, traffic in runs(recorded, 3001, 40):
         on_target = qemu.replay(calibration, traffic, "cortex-m4")
-        assert on_target.frames.tobytes() == reference(calibration, traffic).frames.tobytes()
-        assert_equal(calibration, traffic, [state.tobytes() for state in on_target.states])
+        native_run = replayed(native.library(), calibration, traffic)
+        assert on_target.frames.tobytes() == native_run.frames.tobytes()
+        assert on_target.states.tobytes() == native_run.states[0].tobytes()
 
 
 def test_the_loop_is_active_for_a_real_share_and_met_in_all_modes(recorded):
     modes = np.zeros(4, np.int64)
     for calibration, traffic in runs(recorded, 1001, 40):
-        modes += np.bincount(reference(calibration, traffic).states[0]["mode"], minlength=4)
+        states = replayed(native.library(), calibration, traffic).states[0]
+        modes += np.bincount(states["mode"], minlength=4)
     assert modes[ACTIVE] > 0.4 * modes.sum()
     assert modes.min() > 0
 

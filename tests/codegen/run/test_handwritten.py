@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.replays import replayed
 
-from codegen.run import cortex, ecu_traffic, memory_image, native, qemu
+from codegen.run import cortex, ecu_traffic, native, qemu
 from codegen.run.bus_firmware import built_in
 from codegen.run.specialised import specialised
 from codegen.worst_case.cycles import Timing
 from codegen.worst_case.firmware_bound import cycle_costs
 from codegen.worst_case.footprint import footprint
-from firmware.calibration import Calibration
 from firmware.state import ACTIVE, DEGRADED, INIT, SAFE
 from tools import recorded_traffic
 
@@ -48,11 +48,6 @@ def recording(request):
     return recorded_traffic.record(case, 4.0)
 
 
-def replay(library, calibration, traffic):
-    cals = np.frombuffer(memory_image.image(calibration), memory_image.dtype(Calibration), 1).copy()
-    return library.replay(library.start(cals), cals, [traffic], states=True)
-
-
 def test_it_is_written_for_the_calibration_of_a_run(handwritten, recording):
     assert handwritten.does(recording.calibration)
 
@@ -63,7 +58,9 @@ def test_same_frames_and_states(handwritten, recording):
     hurt = [ecu_traffic.disturbed(recording.traffic, seed, quiet=60.0) for seed in range(12)]
     hurt += [ecu_traffic.random_traffic(seed, 400, hostile=0.03) for seed in range(4)]
     for traffic in [recording.traffic, *hurt]:
-        one, other = (replay(each, recording.calibration, traffic) for each in (generated, written))
+        one, other = (
+            replayed(each, recording.calibration, traffic) for each in (generated, written)
+        )
         assert handwritten.differences(one.states, other.states) == []
         assert one.frames.tobytes() == other.frames.tobytes()
         modes |= set(np.unique(one.states["mode"]).tolist())

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.replays import images, replayed
 
 from canroll.errors import CanrollError
 from codegen.generated import own_stage
@@ -34,21 +35,11 @@ FEW = (
 )
 
 
-def images(calibrations):
-    data = b"".join(memory_image.image(each) for each in calibrations)
-    return np.frombuffer(data, memory_image.dtype(Calibration)).copy()
-
-
-def replay(library, calibration, traffic):
-    cals = images([calibration])
-    return library.replay(library.start(cals), cals, [traffic], states=True)
-
-
 def difference(calibration, traffic):
     """Name the fields in which the first tick differs that does."""
     special = specialised(built_in(), calibration)
     general, own = (
-        replay(library, calibration, traffic)
+        replayed(library, calibration, traffic)
         for library in (native.library(), native.library_of(special))
     )
     for tick, (one, two) in enumerate(zip(general.states[0], own.states[0], strict=True)):
@@ -72,7 +63,7 @@ def test_same_bytes_in_hostile_traffic(recording):
     modes = set()
     for traffic in [plain, *hurt]:
         assert difference(calibration, traffic) == ""
-        states = replay(native.library(), calibration, traffic).states
+        states = replayed(native.library(), calibration, traffic).states
         modes |= set(np.unique(states["mode"]).tolist())
     assert modes == MODES
 
@@ -108,7 +99,7 @@ def test_an_own_stage_is_specialised_with_the_loop(calibration):
     special = specialised(firmware, calibration)
     traffic = ecu_traffic.random_traffic(2, 800)
     general, own = (
-        replay(native.library_of(each), calibration, traffic) for each in (firmware, special)
+        replayed(native.library_of(each), calibration, traffic) for each in (firmware, special)
     )
     assert general.states.tobytes() == own.states.tobytes()
     assert general.frames.tobytes() == own.frames.tobytes()
@@ -160,13 +151,13 @@ def test_another_calibration_is_refused_though_its_own_crc_is_right(special, cal
     assert loop.init(Ecu(), other) == 0
     library = native.library_of(special)
     with pytest.raises(CanrollError, match=f"rule {RULE_CRC}"):
-        library.start(images([other]))
+        library.start(images(other))
 
 
 def test_a_refused_ecu_does_nothing(special, calibration):
     library = native.library_of(special)
     other = memory_image.sealed(ecu_traffic.random_calibration(5))
-    ecus, cals = np.zeros(1, memory_image.dtype(Ecu)), images([other])
+    ecus, cals = np.zeros(1, memory_image.dtype(Ecu)), images(other)
     buffer = library.ffi.from_buffer
     assert library.lib.canroll_init(buffer(ecus), buffer(cals)) == RULE_CRC
     assert ecus["mode"][0] == SAFE
@@ -177,7 +168,7 @@ def test_a_refused_ecu_does_nothing(special, calibration):
 
 def test_a_calibration_that_changes_while_running_ends_in_safe(special, calibration):
     library = native.library_of(special)
-    cals = images([calibration])
+    cals = images(calibration)
     ecus = library.start(cals)
     cals["feedback"][0][0] ^= 4
     traffic = ecu_traffic.random_traffic(1, 900, hostile=0.0)

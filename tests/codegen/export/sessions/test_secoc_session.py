@@ -6,6 +6,7 @@ import subprocess
 import pytest
 from cryptography.hazmat.primitives.ciphers import algorithms
 from cryptography.hazmat.primitives.cmac import CMAC
+from support.bundles import export, make
 
 import dbc
 from codegen.export import bundle
@@ -20,39 +21,15 @@ needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="needs cc")
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     its = tmp_path_factory.mktemp("bundle")
-    firmware = of_bus(dbc.SECURED_PATH, dbc.SECURED_MAP)
-    record = ecu_traffic.random_calibration(1)
-    bundle.write(
-        its,
-        bundle.Export(
-            record=record,
-            gains=gains(record),
-            title="secured",
-            dbc=dbc.SECURED_PATH,
-            map_file=dbc.SECURED_MAP,
-            traffic=ecu_traffic.random_traffic(1, 30, bus=firmware.bus),
-            origin="random",
-        ),
-    )
+    paths = {"dbc": dbc.SECURED_PATH, "map_file": dbc.SECURED_MAP}
+    bundle.write(its, export(ecu_traffic.random_calibration(1), **paths))
     return its
-
-
-def gains(record):
-    from codegen.export.header import gains_header
-
-    return gains_header(record, title=["secured"], physical={})
-
-
-def run(folder, *goals):
-    return subprocess.run(
-        ["make", "-C", str(folder), *goals], capture_output=True, text=True, check=False
-    )
 
 
 @pytest.mark.slow
 @needs_cc
 def test_it_tests_itself_and_a_wrong_table_fails(folder):
-    ran = run(folder, "build/secoc")
+    ran = make(folder, "build/secoc")
     assert ran.returncode == 0, ran.stderr
     assert "warning" not in ran.stderr
     said = subprocess.run([folder / "build" / "secoc"], capture_output=True, text=True, check=True)
@@ -62,7 +39,7 @@ def test_it_tests_itself_and_a_wrong_table_fails(folder):
     wrong = text.replace("    99, 124, 119", "    98, 124, 119", 1)
     assert wrong != text
     tables.write_text(wrong, encoding="utf-8")
-    assert run(folder, "build/secoc").returncode == 0
+    assert make(folder, "build/secoc").returncode == 0
     failed = subprocess.run([folder / "build" / "secoc"], capture_output=True, check=False)
     tables.write_text(text, encoding="utf-8")
     assert failed.returncode == 1
