@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.replays import compare, python_states, replayed
 
 from canroll.errors import CanrollError
 from codegen.c99 import emit
@@ -70,24 +71,6 @@ def firmware():
     return bus_firmware.with_stage(bus_firmware.built_in(), STAGE)
 
 
-def reference(firmware, record, traffic):
-    cals = np.frombuffer(memory_image.image(record), memory_image.dtype(Calibration), 1).copy()
-    library = native.library_of(firmware)
-    return library.replay(library.start(cals), cals, [traffic], states=True)
-
-
-def python_states(firmware, record, traffic):
-    loop, ecu = firmware.loop, firmware.record()
-    assert loop.init(ecu, record) == 0
-    for t in range(traffic.ticks):
-        for frame in traffic.frames[traffic.frames["tick"] == t]:
-            payload = frame["payload"].tolist()
-            loop.receive(ecu, int(frame["message"]), payload, int(frame["length"]))
-        loop.tick(ecu, record, int(traffic.elapsed[t]))
-        ecu.tx_pending = [0] * len(ecu.tx_pending)
-        yield ecu
-
-
 def calibration(seed, **changes):
     record = ecu_traffic.random_calibration(seed)
     for name, value in changes.items():
@@ -96,12 +79,12 @@ def calibration(seed, **changes):
 
 
 def working(firmware, traffic, **changes):
-    """The first calibration with which the stage works while the loop does, and the states."""
+    """The first calibration with which the stage works while the loop does."""
     for seed in range(30):
         record = calibration(seed, init_ticks=1, **changes)
-        states = reference(firmware, record, traffic).states[0]
+        states = replayed(native.library_of(firmware), record, traffic).states[0]
         if np.isin(states["mode"][states["swing"] != 0], [ACTIVE, DEGRADED]).any():
-            return record, states
+            return record
     pytest.fail("no calibration lets the stage work")
 
 
@@ -179,10 +162,9 @@ def test_the_example_is_quiet_for_small_angles_and_whole_for_large_ones(firmware
 @pytest.mark.parametrize("law", [STATE_FEEDBACK, OUTPUT_FEEDBACK, COMPENSATOR])
 def test_native_is_python(firmware, law):
     traffic = ecu_traffic.random_traffic(law, 60)
-    record, states = working(firmware, traffic, law=law, actuator=0, compensator_outputs=1)
-    for t, ecu in enumerate(python_states(firmware, record, traffic)):
-        expected, found = memory_image.image(ecu), states[t].tobytes()
-        assert found == expected, memory_image.differences(firmware.record, expected, found)
+    compare(
+        firmware, working(firmware, traffic, law=law, actuator=0, compensator_outputs=1), traffic
+    )
 
 
 @pytest.mark.slow
@@ -191,7 +173,7 @@ def test_native_is_python(firmware, law):
 def test_cortex_m4_is_native(firmware):
     record, traffic = calibration(5), ecu_traffic.random_traffic(5, 12)
     run = unicorn_run.replay(record, traffic, "cortex-m4", firmware)
-    expected = reference(firmware, record, traffic)
+    expected = replayed(native.library_of(firmware), record, traffic)
     assert run.states.tobytes() == expected.states[0].tobytes()
     assert run.frames.tobytes() == expected.frames.tobytes()
 
@@ -202,7 +184,7 @@ def test_cortex_m4_is_native(firmware):
 def test_qemu_is_native(firmware):
     record, traffic = calibration(6), ecu_traffic.random_traffic(6, 60)
     run = qemu_run.replay(record, traffic, "cortex-m4", firmware=firmware)
-    expected = reference(firmware, record, traffic)
+    expected = replayed(native.library_of(firmware), record, traffic)
     assert run.states.tobytes() == expected.states[0].tobytes()
     assert run.frames.tobytes() == expected.frames.tobytes()
 
@@ -264,110 +246,62 @@ def test_a_stage_runs_on_a_bus_of_its_own():
     assert "canroll_stage.c" in its.files and its.slots == own.slots
 
 
+def own(field, hook=ESTIMATE + "    ecu.x[0] = 0\n"):
+    """A stage with a field of its own."""
+    return f"{OWN}    {field}\n{hook}"
+
+
 @pytest.mark.parametrize(
     ("text", "line", "rule"),
     [
-        ("import numpy\n", 1, "only the firmware imports itself, not numpy"),
-        (HEAD + "from firmware.state import Nothing\n", 8, "firmware.state has no Nothing"),
-        (HEAD + "from firmware.nothing import x\n", 8, "there is no module firmware.nothing"),
-        (HEAD + "def moment(:\n", 8, "invalid syntax"),
-        (HEAD + "X = 1\n", 1, "a stage defines at least one of start, estimate, moment, rest"),
-        (HEAD + "def rest(ecu: Ecu) -> None:\n    ecu.x[0] = 0\n", 8, "must be: def rest(ecu: Ecu"),
-        (HEAD + MOMENT + "    return wanted * 1.5\n", 9, "1.5"),
-        (HEAD + MOMENT + "    return wanted // 2\n", 9, "tdiv"),
-        (HEAD + MOMENT + "    return wanted * steps\n", 9, "i32"),
-        (HEAD + MOMENT + "    while wanted > 0:\n        pass\n    return 0\n", 9, "while"),
-        (HEAD + ESTIMATE + "    for k in range(ecu.x[0]):\n        ecu.x[k] = 0\n", 9, "bound"),
+        ("import numpy\n", 8, "only the firmware imports itself, not numpy"),
+        ("from firmware.state import Nothing\n", 8, "firmware.state has no Nothing"),
+        ("from firmware.nothing import x\n", 8, "there is no module firmware.nothing"),
+        ("def moment(:\n", 8, "invalid syntax"),
+        ("X = 1\n", 1, "a stage defines at least one of start, estimate, moment, rest"),
+        ("def rest(ecu: Ecu) -> None:\n    ecu.x[0] = 0\n", 8, "must be: def rest(ecu: Ecu"),
+        (MOMENT + "    return wanted * 1.5\n", 9, "1.5"),
+        (MOMENT + "    return wanted * steps\n", 9, "i32"),
+        (ESTIMATE + "    for k in range(ecu.x[0]):\n        ecu.x[k] = 0\n", 9, "bound"),
         (
-            HEAD
-            + ESTIMATE
-            + "    n: i32 = ecu.x[0]\n    for _ in range(n):\n        ecu.x[1] = 0\n",
+            ESTIMATE + "    n: i32 = ecu.x[0]\n    for _ in range(n):\n        ecu.x[1] = 0\n",
             10,
             "a loop of up to 1073741823 rounds: limit it to 64",
         ),
+        (ESTIMATE + nested(64, 64, 2), 11, "make up to 8192 rounds: limit them to 4096"),
         (
-            HEAD + ESTIMATE + nested(64, 64, 2),
-            11,
-            "loops in each other make up to 8192 rounds: limit them to 4096",
-        ),
-        (
-            HEAD + ESTIMATE + nested(64, 64, 64, 64, 64, 64),
+            ESTIMATE + nested(64, 64, 64, 64, 64, 64),
             11,
             "loops in each other make up to 262144 rounds: limit them to 4096",
         ),
+        (HELPER + ESTIMATE + nested(64, 33, call=True), 9, "make up to 4224 rounds"),
+        (ESTIMATE + "    ecu.x[5] = 0\n", 9, "not proved: index of 5 elements: [5, 5]"),
+        (ESTIMATE + "    ecu.mode = 1\n", 9, "a stage stores in its own fields and in ecu.x"),
+        (ESTIMATE + "    clear(ecu)\n", 9, "a stage stores in its own fields"),
         (
-            HEAD + HELPER + ESTIMATE + nested(64, 33, call=True),
-            9,
-            "loops in each other make up to 4224 rounds: limit them to 4096",
-        ),
-        (HEAD + ESTIMATE + "    ecu.x[5] = 0\n", 9, "not proved: index of 5 elements: [5, 5]"),
-        (HEAD + ESTIMATE + "    ecu.x[0] = steps << 30\n", 9, "not proved"),
-        (
-            HEAD + ESTIMATE + "    ecu.mode = 1\n",
-            9,
-            "a stage stores in its own fields and in ecu.x",
-        ),
-        (HEAD + ESTIMATE + "    clear(ecu)\n", 9, "a stage stores in its own fields"),
-        (
-            HEAD
-            + "from firmware.plausibility import latch_faults\n"
-            + ESTIMATE
-            + "    latch_faults(ecu)\n",
+            f"from firmware.plausibility import latch_faults\n{ESTIMATE}    latch_faults(ecu)\n",
             10,
             "a stage stores in its own fields",
         ),
         (
-            HEAD + ESTIMATE + "    k: i32 = ecu.rx_payload[0][0]\n    ecu.x[0] = k\n",
+            ESTIMATE + "    k: i32 = ecu.rx_payload[0][0]\n    ecu.x[0] = k\n",
             9,
             "an interrupt writes ecu.rx_payload",
         ),
+        (own('mode: Annotated[i32, F(0, 9, 0, "", "")]'), 12, "Ecu has a field mode already"),
+        (own('low: Annotated[i32, F(1, 9, 0, "", "")]'), 12, "low starts at 0, which is outside"),
+        (own('int: Annotated[i32, F(0, 9, 0, "", "")]'), 12, "'int' has another meaning in C"),
+        (own('n: Annotated[i32, F(0, 9, 0, "")]'), 12, "F takes"),
         (
-            HEAD
-            + OWN
-            + '    mode: Annotated[i32, F(0, 9, 0, "", "")]\n'
-            + ESTIMATE
-            + "    ecu.x[0] = 0\n",
-            12,
-            "Ecu has a field mode already",
-        ),
-        (
-            HEAD
-            + OWN
-            + '    low: Annotated[i32, F(1, 9, 0, "", "")]\n'
-            + ESTIMATE
-            + "    ecu.x[0] = 0\n",
-            12,
-            "low starts at 0, which is outside [1, 9]",
-        ),
-        (
-            HEAD
-            + OWN
-            + '    int: Annotated[i32, F(0, 9, 0, "", "")]\n'
-            + ESTIMATE
-            + "    ecu.x[0] = 0\n",
-            12,
-            "'int' has another meaning in C",
-        ),
-        (
-            HEAD
-            + OWN
-            + '    n: Annotated[i32, F(0, 9, 0, "")]\n'
-            + ESTIMATE
-            + "    ecu.x[0] = 0\n",
-            12,
-            "F takes",
-        ),
-        (
-            HEAD + OWN.replace("(Ecu)", "") + "    n: i32\n" + ESTIMATE + "    ecu.x[0] = 0\n",
+            own("n: i32").replace("(Ecu)", ""),
             9,
             "a stage's own fields are in one '@record class Own(Ecu)'",
         ),
         (
-            HEAD
-            + OWN
-            + '    n: Annotated[i32, F(0, 9, 0, "", "")]\n\n\n'
-            + ESTIMATE.replace("Ecu", "Own")
-            + "    ecu.n = steps\n",
+            own(
+                'n: Annotated[i32, F(0, 9, 0, "", "")]\n\n',
+                ESTIMATE.replace("Ecu", "Own") + "    ecu.n = steps\n",
+            ),
             16,
             "not proved: does not fit n is declared in [0, 9]: [1, 16]",
         ),
@@ -375,7 +309,7 @@ def test_a_stage_runs_on_a_bus_of_its_own():
 )
 def test_what_is_no_stage_is_refused_with_file_and_line(text, line, rule):
     with pytest.raises(CanrollError) as refused:
-        staged(text, "folder/own.py")
+        staged(HEAD + text, "folder/own.py")
     message = str(refused.value)
     assert message.startswith(f"folder/own.py:{line}: ") and rule in message
     assert "\n" not in message
