@@ -352,31 +352,12 @@ def test_bits_of_unsigned_values_are_taken_without_a_sign(sample):
     assert "return canroll_to_i32(r);" in c
 
 
-def test_an_unsigned_value_that_meets_a_sign_is_computed_in_64_bits(sample):
-    c = unsigned(sample, "r: u32 = to_u32(ecu.x[0])\n    return clamp(r - ecu.x[1], 0, 9)\n")
-    assert "canroll_clamp((int64_t)r - (int64_t)ecu->x[1], 0, 9)" in c
-    c = unsigned(
-        sample, "r: u32 = to_u32(ecu.x[0])\n    if r < ecu.x[1]:\n        return 1\n    return 0\n"
-    )
-    assert "if ((int64_t)r < (int64_t)ecu->x[1]) {" in c
-
-
 @pytest.mark.parametrize(
     "body", ["r: u32 = ecu.x[0]\n    return 0\n", "r: u16 = ecu.count * 1000\n    return 0\n"]
 )
 def test_what_may_not_fit_an_unsigned_type_is_refused(sample, body):
     with pytest.raises(SubsetError, match=r"may not fit u(16|32): use clamp"):
         unsigned(sample, body)
-
-
-def test_the_negative_of_an_unsigned_number_is_computed_in_64_bits(sample):
-    c = unsigned(sample, "r: u32 = to_u32(ecu.x[0]) & 255\n    return narrow(-r >> 1)\n")
-    assert "-(int64_t)r >> 1" in c
-    c = unsigned(
-        sample,
-        "r: u32 = to_u32(ecu.x[0]) & 255\n    if -r < 5:\n        return 1\n    return 0\n",
-    )
-    assert "if (-(int64_t)r < 5) {" in c
 
 
 def test_a_loop_without_a_counter_has_a_name_that_is_no_local(sample):

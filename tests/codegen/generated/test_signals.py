@@ -18,7 +18,6 @@ from codegen.generated import protection as protection_source
 from codegen.generated import signals as signal_source
 from firmware.com import protection, signals
 from firmware.state import Ecu
-from firmware.subset import fields
 
 TO_SI = {
     "deg": math.pi / 180,
@@ -28,19 +27,11 @@ TO_SI = {
     "mm/s": 1e-3,
 }
 BUS = bus_map.load(signal_source.DBC, signal_source.MAP)
-TABLE = {field.name: field for field in fields(Ecu)}
-PHYSICAL = {name for slot in mailbox.VALID_BITS.values() for name in slot}
 
 
 def place(text):
     name, _, rest = text.partition("[")
     return name, int(rest[:-1]) if rest else None
-
-
-def get(ecu, text):
-    name, index = place(text)
-    value = getattr(ecu, name)
-    return value if index is None else value[index]
 
 
 def put(ecu, text, value):
@@ -69,36 +60,6 @@ def test_tables_match_the_dbc():
             message = database.get_message_by_frame_id(ident)
             assert message.name == box.name
             assert dbc.data_id(message) == data_id
-
-
-@given(st.binary(min_size=8, max_size=8))
-def test_unpacked_fields_are_what_cantools_decodes(payload):
-    for slot, box in enumerate(BUS.received):
-        decoded = dbc.load().decode_message(box.name, payload, decode_choices=False)
-        raws = dbc.load().decode_message(box.name, payload, decode_choices=False, scaling=False)
-        ecu = Ecu()
-        for signal in box.signals:
-            put(ecu, signal.place.text, 1)
-        ecu.rx_payload[2 * slot + 1] = list(payload)
-        signals.unpack(ecu, slot, 2 * slot + 1)
-        for signal in box.signals:
-            unit = dbc.load().get_message_by_name(box.name).get_signal_by_name(signal.name).unit
-            field = TABLE[place(signal.place.text)[0]]
-            exact = decoded[signal.name] * TO_SI.get(unit, 1) * 2**field.f.q
-            got = get(ecu, signal.place.text)
-            text = str(
-                dbc.load().get_message_by_name(box.name).get_signal_by_name(signal.name).choices
-            )
-            top = 2 ** (signal.length - 1) if signal.signed else 2**signal.length
-            reserved = "Not available" in text and raws[signal.name] in (top - 2, top - 1)
-            if signal.place.text in PHYSICAL:
-                bit = mailbox.VALID_BITS[box.slot].index(signal.place.text)
-                assert ecu.valid[slot] >> bit & 1 == (not reserved)
-            if reserved:
-                assert got == 1
-            else:
-                limited = min(max(exact, field.f.lo), field.f.hi)
-                assert abs(got - limited) <= 0.5 + abs(exact) * 2e-9
 
 
 @given(st.data())

@@ -1,11 +1,8 @@
 """The prover: finds what is wrong, accepts what is right, and never misses what really happens."""
 
-import random
 from itertools import product
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from canroll.cli import prove as command
 from canroll.cli.main import parse
@@ -295,39 +292,12 @@ def test_one_calibration_is_narrower_than_all():
     assert len(one.seen) < len(prove().seen)
 
 
-ends = st.integers(-(2**40), 2**40)
-
-
-@st.composite
-def values(draw, elements=ends):
-    a, b = sorted((draw(elements), draw(elements)))
-    inside = draw(st.integers(a, b))
-    return Value(a, b), inside
-
-
-@given(values(), values(), values(), st.integers(1, 62), st.integers(1, 62))
-def test_intervals_hold_what_the_integers_give(a, b, c, n, m):
-    (va, x), (vb, y), (vc, z) = a, b, c
-
-    def holds(value, result):
-        assert value.lo <= result <= value.hi
-
-    holds(iv.add(va, vb), x + y)
-    holds(iv.negate(va), -x)
-    holds(iv.absolute(va), subset.absolute(x))
-    holds(iv.multiply(va, vb), x * y)
-    holds(iv.hull(va, vb), x)
-    for sign, result in (("&", x & y), ("|", x | y), ("^", x ^ y)):
-        holds(iv.bitwise(sign, va, vb), result)
-    holds(iv.clamp(va, vb, vc), subset.clamp(x, y, z))
-    lo, hi = sorted((n, m))
-    for count in (lo, hi, (lo + hi) // 2):
-        holds(iv.shift_rounded(va, Value(lo, hi)), subset.rsh(x, count))
-    if y:
-        holds(iv.divide(va, vb), subset.tdiv(x, y))
-
-
 SMALL = [Value(low, high) for low in range(4) for high in range(low, 4)]
+
+
+def test_a_hull_holds_both_intervals_and_no_more():
+    for one, other in product(SMALL, SMALL):
+        assert iv.hull(one, other) == Value(min(one.lo, other.lo), max(one.hi, other.hi))
 
 
 @pytest.mark.parametrize("value", SMALL, ids=str)
@@ -339,28 +309,3 @@ def test_the_interval_of_a_clamp_is_that_of_all_its_results(value):
         assert found.lo <= min(results) and max(results) <= found.hi, (low, high)
         if low.hi <= high.lo:
             assert (found.lo, found.hi) == (min(results), max(results)), (low, high)
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_values_met_at_run_time_lie_in_the_intervals(sample, seed):
-    path = sample.write(RIGHT)
-    program = load("sample", path)
-    proof = prove(program)
-    run = program.modules["sample"].functions["run"]
-    last = run.node.body[-2]
-    interval = proof.seen[last.value]
-    namespace = {}
-    state = {}
-    exec(compile(sample.state, "state", "exec"), state)
-    head = sample.head.replace("from firmware.state import N, MASK, Calibration, Ecu", "")
-    exec(compile(head, "sample", "exec"), namespace)
-    namespace.update(state)
-    exec(compile(RIGHT, "sample", "exec"), namespace)
-    random.seed(seed)
-    ecu, cal = state["Ecu"](), state["Calibration"]()
-    ecu.x = [random.randint(-1000, 1000) for _ in range(3)]
-    cal.order = 3
-    cal.gain = [random.randint(-(1 << 20), 1 << 20) for _ in range(3)]
-    namespace["run"](ecu, cal, random.randint(-2, 5))
-    assert ecu.count == 0 or interval.lo <= ecu.count <= interval.hi
-    assert all(-1000 <= x <= 1000 for x in ecu.x)

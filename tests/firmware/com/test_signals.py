@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from firmware.com import signals
 from firmware.state import RX_ACTUATOR_STATE, Ecu
+from firmware.subset import fields
 
 DEG = np.pi / 180
 # signal, field, element, factor from the DBC's unit to the field's, fractional bits
@@ -55,20 +56,14 @@ def test_any_bytes_unpack_to_what_cantools_decodes(name, payload):
     for bit, (signal, name_of_field, element, factor, q) in enumerate(RECEIVED[name]):
         description = message.get_signal_by_name(signal)
         reserved = [int(code) for code, text in (description.choices or {}).items()]
-        field = next(f for f in signals_fields() if f.name == name_of_field)
+        field = next(f for f in fields(Ecu) if f.name == name_of_field)
         assert (ecu.valid[number] >> bit & 1) == (raw[signal] not in reserved)
         if raw[signal] in reserved:
             assert stored(ecu, name_of_field, element) == 0
             continue
         exact = np.clip(values[signal] * factor * 2.0**q, field.f.lo, field.f.hi)
-        tolerance = 1 + abs(exact) * 2e-9
+        tolerance = 0.5 + abs(exact) * 2e-9
         assert abs(stored(ecu, name_of_field, element) - exact) <= tolerance
-
-
-def signals_fields():
-    from firmware.subset import fields
-
-    return fields(Ecu)
 
 
 STATUS_BYTES = st.tuples(*[st.integers(0, 3)] * 4)
