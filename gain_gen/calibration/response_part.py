@@ -4,6 +4,7 @@ What is left over of their balances, what of it noise and the stated uncertainti
 how long: the residuals of :mod:`gain_gen.monitors.residuals`, in fixed point.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from math import pi
 
@@ -15,10 +16,11 @@ from gain_gen.monitors.bank import (
     MEAN,
     RESPONSE_LINEAR,
     Residual,
+    ResidualPart,
     low_pass_of,
     ticks_of,
 )
-from gain_gen.monitors.linear_car import axle_forces, car_of, effective_inertia, rolled
+from gain_gen.monitors.linear_car import car_of, effective_inertia, rolled
 from gain_gen.monitors.noise import late
 from gain_gen.monitors.residuals import (
     AXLES,
@@ -71,7 +73,7 @@ def response_fields(task: Task, box: Uncertainty) -> Fields:
         _rolling(task, box, (residuals["gyro, front"], residuals["gyro, rear"]))
         | _body(task, box, *(residuals[name] for name in ("body, fast", "body, slow", "axles")))
         | _model(task.vehicle, task.tick)
-        | _axles(task, box, residuals["axles"], bank.parts[MAY_BE_WRONG].gains["lateral"])
+        | _axles(task, box, residuals["axles"], bank.parts)
     )
     return fields | _heave(task, box, residuals.get("heave"))
 
@@ -172,37 +174,34 @@ def _model(vehicle: Vehicle, tick: float) -> Fields:
     }
 
 
-def _axles(task: Task, box: Uncertainty, residual: Residual, by_lateral: float) -> Fields:
-    """Return the fields of the axles monitor: moments of the rear as of the front axle's tyres.
-
-    ``by_lateral`` is what may be wrong per lateral acceleration, kg·m.
-    """
-    car = car_of(task.vehicle)
-    scale, tyres = car.scale, car.tyres
-    springs = [
-        factor * (share * car.stiffness + tyre)
-        for factor, share, tyre in zip(scale, car.shares, tyres, strict=True)
-    ]
-    dampers = [factor * damper for factor, damper in zip(scale, car.dampers, strict=True)]
-    lateral, yaw = axle_forces(task.vehicle, scale)
+def _axles(
+    task: Task, box: Uncertainty, residual: Residual, parts: Mapping[str, ResidualPart]
+) -> Fields:
+    """Return the fields of the axles monitor: moments of the rear as of the front axle's tyres."""
+    stretch, damping = (
+        parts[name].gains for name in ("suspensions and tyres apart", "dampers apart")
+    )
     return {
         "axles_ticks": ticks_of(residual.time, task.tick),
         "axles_min": moment(residual.floor),
-        "axles_rest": moment(AXLES_REST * tyres[0]),
+        "axles_rest": moment(AXLES_REST * car_of(task.vehicle).tyres[0]),
         "axles_limit": acceleration(residual.limit),
         "axles_stretch": [
-            coefficient(task.tick * stiffness / track, "axles_stretch")
-            for stiffness, track in zip(springs, car.tracks, strict=True)
+            coefficient(task.tick * abs(gain), "axles_stretch") for gain in stretch.values()
         ],
         "axles_damping": [
-            coefficient(damper / stiffness / task.tick, "axles_damping")
-            for damper, stiffness in zip(dampers, springs, strict=True)
+            coefficient(damping[name] / gain / task.tick, "axles_damping")
+            for name, gain in stretch.items()
         ],
-        "axles_side": coefficient(by_lateral, "axles_side"),
+        "axles_side": coefficient(parts[MAY_BE_WRONG].gains["lateral"], "axles_side"),
         "axles_rough": coefficient(box.bump / task.tick, "axles_rough"),
-        "axles_rear": quantise(scale[1], 28, 0, 4 << 28, name="axles_rear"),
-        "axles_lateral": coefficient(lateral, "axles_lateral"),
-        "axles_yaw": coefficient(yaw / low_pass_of(task.vehicle), "axles_yaw"),
+        "axles_rear": quantise(
+            parts["rear moment"].gains["moment_rear"], 28, 0, 4 << 28, name="axles_rear"
+        ),
+        "axles_lateral": coefficient(
+            parts["forces at the roll centres"].gains["lateral"], "axles_lateral"
+        ),
+        "axles_yaw": coefficient(parts["yaw at the roll centres"].gains["yaw_rate"], "axles_yaw"),
     }
 
 

@@ -9,7 +9,6 @@ from functools import partial
 from math import inf, pi, sin
 
 from gain_gen.models.task import Task
-from gain_gen.monitors.axle_shares import of_axles
 from gain_gen.monitors.bank import (
     DERIVATIVE,
     DIRECT,
@@ -38,6 +37,7 @@ from gain_gen.monitors.linear_car import (
     tilted,
 )
 from gain_gen.monitors.noise import FASTEST, floor, late, raised
+from gain_gen.monitors.shares import of_axles
 from gain_gen.monitors.uncertainty import NOMINAL, Uncertainty, vertices
 from vehicles import GRAVITY, Vehicle
 

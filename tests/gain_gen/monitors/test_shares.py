@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
-from gain_gen.monitors.axle_shares import of_axles
 from gain_gen.monitors.linear_car import axle_forces, car_of
-from gain_gen.monitors.shares import of_lateral, of_moments
+from gain_gen.monitors.shares import of_axles, of_lateral, of_moments
 from gain_gen.monitors.uncertainty import DEFAULT, Uncertainty, of_vehicle, stated
 from vehicles import GRAVITY, load
 from vehicles.fit_spread import FitSpread
