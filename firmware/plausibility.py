@@ -93,18 +93,13 @@ def latch_faults(ecu: Ecu) -> None:
     ecu.fault_latched = ecu.fault_latched | appeared
     left: i32 = ecu.detected
     number: i32 = 0
-    for _ in range(N_FAULT_CODES):
+    for k in range(N_FAULT_CODES):
         number += left & 1
         left = left >> 1
+        if (appeared & 1) != 0:
+            ecu.fault_count[k] = byte(clamp(ecu.fault_count[k] + 1, 0, 255))
+        appeared = appeared >> 1
     ecu.fault_number = byte(clamp(number, 0, 15))
-    # seven at a time, as hardly ever one of them is new
-    for first in range(0, N_FAULT_CODES, 7):
-        if (appeared & 127) != 0:
-            for k in range(first, first + 7):
-                ecu.fault_count[k] = byte(clamp(ecu.fault_count[k] + (appeared & 1), 0, 255))
-                appeared = appeared >> 1
-        else:
-            appeared = appeared >> 7
 
 
 def silence(ecu: Ecu, cal: Calibration, message: i32, needed: i32) -> i32:
@@ -219,8 +214,7 @@ def watch_lateral(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
     if bad == 0 and (ecu.fresh[RX_IMU] & 2) != 0:
         ecu.acceleration_good = ecu.lateral_acceleration
         ecu.acceleration_ticks = 0
-    contradicted: i32 = ecu.lateral_contradicted
-    ecu.detected = ecu.detected | (contradicted << FAULT_LATERAL_CONTRADICTED)
+    contradicted: i32 = (ecu.contradicted >> 1) & 1
     bad = bad | contradicted
     bad = lasting(ecu, BAD_ACCELERATION, cal.timeout_ticks[RX_IMU], bad, elapsed) | contradicted
     ecu.detected = ecu.detected | (bad << FAULT_ACCELERATION)
@@ -254,9 +248,8 @@ def watch_imu(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
     bad = bad & needed
     bad = lasting(ecu, BAD_ROLL_RATE, cal.timeout_ticks[RX_IMU], bad, elapsed)
     ecu.detected = ecu.detected | (bad << FAULT_ROLL_RATE)
-    ecu.detected = ecu.detected | (ecu.rate_contradicted << FAULT_ROLL_RATE_CONTRADICTED)
-    ecu.detected = ecu.detected | (ecu.motion_contradicted << FAULT_MOTION_CONTRADICTED)
-    bad = bad | ecu.rate_contradicted | ecu.motion_contradicted
+    ecu.detected = ecu.detected | ((ecu.contradicted & 7) << FAULT_ROLL_RATE_CONTRADICTED)
+    bad = bad | ((ecu.contradicted | (ecu.contradicted >> 2)) & 1)
     severity: i32 = watch_lateral(ecu, cal, elapsed)
     if cal.observer == BYPASS:
         return GOOD
@@ -285,10 +278,11 @@ def watch_corners(ecu: Ecu, cal: Calibration) -> i32:
     the delivered moment contradicts the commands both corners of the axle have failed.
     """
     failures: i32 = 0
-    contradicted: i32 = ecu.contradicted[0] | ecu.contradicted[1]
-    ecu.detected = ecu.detected | (contradicted << FAULT_ACTUATOR_CONTRADICTED)
+    axles: i32 = ecu.contradicted >> 3
+    if axles != 0:
+        ecu.detected = ecu.detected | (1 << FAULT_ACTUATOR_CONTRADICTED)
     status: i32 = ecu.status[0] | ecu.status[1] | ecu.status[2] | ecu.status[3]
-    if status < STUCK and contradicted == 0:
+    if status < STUCK and axles == 0:
         for corner in range(4):
             ecu.failed[corner] = 0
         return GOOD
@@ -297,9 +291,11 @@ def watch_corners(ecu: Ecu, cal: Calibration) -> i32:
         failed: i32 = status >> 1
         ecu.detected = ecu.detected | ((failed & (status ^ FLOATING)) << FAULT_CORNER_STUCK)
         ecu.detected = ecu.detected | ((failed & (status ^ STUCK)) << FAULT_CORNER_FLOATING)
-        failed = failed | ecu.contradicted[corner >> 1]
+        failed = failed | (axles & 1)
         ecu.failed[corner] = byte(failed)
         failures += failed
+        if corner == 1:
+            axles = axles >> 1
     if cal.actuator == BARS or cal.actuator == VALVES:
         return (ecu.failed[0] | ecu.failed[1]) + (ecu.failed[2] | ecu.failed[3])
     return clamp(failures, GOOD, UNSAFE)

@@ -137,9 +137,6 @@ class Ecu:
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "largest by yaw rate or steering, fading")
     ]
     motion_now: Annotated[i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "likewise, fading fast")]
-    apart_samples: Annotated[
-        i32, F(0, 1000, 0, "", "lateral acceleration outside both or frozen, in a row")
-    ]
     slide: Annotated[
         i32, F(0, STATE_MAX, Q_SLIDE, "m/s2", "yaw rate opposite to a_y: sum of how far apart")
     ]
@@ -149,23 +146,15 @@ class Ecu:
     frozen_turning: Annotated[
         i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "yaw rate times speed then")
     ]
-    bound_samples: Annotated[i32, F(0, 1000, 0, "", "gyro bias at its bound, in a row")]
-    steered_slow: Annotated[
-        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "a_y from steering, low-passed")
-    ]
-    mirrored: Annotated[
-        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "nearer to minus the steering's")
-    ]
     unit_side: Annotated[i32, F(-1, 1, 0, "", "side that the inertial unit turned to, 1: left")]
 
-    # clock monitor
-    clock_gap: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "since the last sample")]
+    # samples monitor, by message: inertial unit, motion; and by signal: roll rate, lateral
+    # acceleration, yaw rate, speed, steering angle
+    sample_gap: Annotated[list[i32], 2, F(0, AGE_MAX, 0, "ticks", "since the last sample")]
     clock_ticks: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "of the present window")]
     clock_error: Annotated[
         i32, F(STATE_MIN, STATE_MAX, 0, "us", "the inertial unit has counted more in it")
     ]
-
-    # erratic monitor: roll rate, lateral acceleration, yaw rate, speed, steering angle
     erratic_last: Annotated[list[i32], 5, F(STATE_MIN, STATE_MAX, 0, "", "last sample")]
     erratic_step: Annotated[list[i32], 5, F(STATE_MIN, STATE_MAX, 0, "", "step to it")]
     erratic_sum: Annotated[
@@ -185,21 +174,8 @@ class Ecu:
         list[i32], 4, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "least command, likewise")
     ]
     window_samples: Annotated[i32, F(0, 1000, 0, "", "samples of the present window")]
-    astray: Annotated[list[i32], 2, F(0, 1000, 0, "", "samples outside the band, by axle")]
 
     # rolling monitor
-    rolling_rate: Annotated[
-        list[i32],
-        3,
-        F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "low-passed: gyro, front and rear suspension"),
-    ]
-    rolling_moment: Annotated[
-        i32, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "delivered moments, low-passed")
-    ]
-    rolling_size: Annotated[
-        i32, F(0, STATE_MAX, Q_RATE, "rad/s", "the suspensions' and the tyres', fading")
-    ]
-    rolling_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "too far apart since")]
     standing_rate: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "last change of gyro")]
     standing_front: Annotated[
         i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "the front suspension's rate then")
@@ -207,25 +183,16 @@ class Ecu:
     standing_rear: Annotated[
         i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "the rear suspension's rate then")
     ]
-    standing_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "the gyro stands still since")]
 
-    # balances of the response monitor, of the lateral acceleration, of the axles monitor, of parts
-    balance_spring: Annotated[
-        list[i32], 9, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "springs, washed out, less offsets")
+    # residuals, by the rows that firmware.monitors.residual names
+    past: Annotated[
+        list[i32], 15, F(STATE_MIN, STATE_MAX, 0, "", "of an input, what is washed out")
     ]
-    balance_slow: Annotated[
-        list[i32], 9, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "what is left over, less momentum")
+    passed: Annotated[list[i32], 15, F(STATE_MIN, STATE_MAX, 0, "", "what is low-passed")]
+    bound: Annotated[
+        list[i32], 10, F(0, STATE_MAX, 0, "", "what the model may be wrong by, fading; mean steps")
     ]
-    balance_past: Annotated[
-        list[i32], 9, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "of an input, what it was before")
-    ]
-    balance_uncertainty: Annotated[
-        list[i32], 9, F(0, STATE_MAX, Q_MOMENT, "N·m", "what the model may be wrong by, fading")
-    ]
-    balance_ticks: Annotated[
-        list[i32], 5, F(-10000, 10000, 0, "ticks", "too much is left over since, to which side")
-    ]
-    model_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "a lateral force leaves over little since")]
+    evidence: Annotated[list[i32], 16, F(0, 10000, 0, "", "samples beyond it without a break")]
 
     # observer
     x: Annotated[list[i32], N_STATES, F(STATE_MIN, STATE_MAX, 0, "", "corrected estimate")]
@@ -361,26 +328,19 @@ class Ecu:
     law: Annotated[u8, F(0, 2, 0, "", "of the calibration, for the status frame")]
 
     # redundancy monitor
-    lateral_contradicted: Annotated[u8, F(0, 1, 0, "", "1: the lateral acceleration is wrong")]
-    rate_contradicted: Annotated[u8, F(0, 1, 0, "", "1: the roll rate is wrong")]
     unit_away: Annotated[u8, F(0, 1, 0, "", "1: it turned away from where the car was steered")]
-    motion_contradicted: Annotated[
-        u8, F(0, 1, 0, "", "1: inertial unit and steering contradict each other")
-    ]
 
-    # clock monitor
-    clock_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of the last sample")]
+    # samples monitor
     clock_off: Annotated[u8, F(0, 1, 0, "", "1: the inertial unit's rate is off")]
-
-    # erratic monitor
     erratic_known: Annotated[list[u8], 5, F(0, 3, 0, "", "samples in a row")]
-    erratic_sample: Annotated[list[u8], 2, F(0, 15, 0, "", "sample counter of the last sample")]
-    erratic_gap: Annotated[list[u8], 2, F(0, 255, 0, "ticks", "since the last sample of a message")]
+    sample_count: Annotated[list[u8], 2, F(0, 15, 0, "", "sample counter of the last sample")]
 
-    # delivery monitor
-    contradicted: Annotated[list[u8], 2, F(0, 1, 0, "", "1: the axle does not do as commanded")]
-
-    # rolling, response and axles monitors
+    # residuals
+    contradicted: Annotated[
+        u8,
+        F(0, 31, 0, "", "bits: roll rate, a_y, inertial unit, front, rear axle"),
+    ]
+    side: Annotated[list[u8], 5, F(0, 1, 0, "", "of a balance of moments, 1: negative")]
     rolling_known: Annotated[u8, F(0, 1, 0, "", "1: the rates were measured in the last tick")]
     response_known: Annotated[
         u8, F(0, 2, 0, "", "all that acts was known in the last tick; 2: and since calm running")
@@ -402,7 +362,6 @@ class Ecu:
     # trigger
     sent_time: Annotated[list[u8], N_SENT, F(0, 255, 0, "ticks", "when the last commands went out")]
     sent_last: Annotated[u8, F(0, N_SENT - 1, 0, "", "the newest of them")]
-    late_echoes: Annotated[u8, F(0, 3, 0, "", "in a row that came late")]
     waiting: Annotated[u8, F(0, 1, 0, "", "1: the last command is not acknowledged yet")]
     echo: Annotated[u8, F(0, 255, 0, "", "counter acknowledged last, 255: none")]
     triggered: Annotated[u8, F(0, 2, 0, "", "this tick: 0 nothing, 1 trigger, 2 heartbeat")]

@@ -14,16 +14,14 @@ half. After a restart the law takes over what is being delivered.
 
 from firmware.calibration import DAMPERS, ONE, STATE_MAX, Calibration
 from firmware.com import signals
-from firmware.monitors.axles import watch_axles
-from firmware.monitors.clock import init_clock, watch_clock
+from firmware.monitors.axles import watch_axles, watch_heave
 from firmware.monitors.delivery import watch_delivery
 from firmware.monitors.echo import watch_echo
-from firmware.monitors.erratic import watch_erratic
-from firmware.monitors.heave import watch_heave
 from firmware.monitors.own_identifier import watch_own_identifiers
 from firmware.monitors.redundancy import watch_redundancy
 from firmware.monitors.response import watch_response
 from firmware.monitors.rolling import watch_rolling
+from firmware.monitors.samples import init_samples, watch_samples
 from firmware.monitors.speed import watch_speed
 from firmware.plausibility import (
     DEGRADING,
@@ -115,8 +113,7 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     ecu.detected = ecu.detected | (ecu.envelope_acted << FAULT_ENVELOPE)
     watch_own_identifiers(ecu, cal, elapsed)
     watch_echo(ecu)
-    watch_clock(ecu, cal, elapsed)
-    watch_erratic(ecu, cal, elapsed)
+    watch_samples(ecu, cal, elapsed)
     watch_speed(ecu, cal, elapsed)
     watch_redundancy(ecu, cal)
     watch_rolling(ecu, cal)
@@ -150,4 +147,4 @@ def init_supervisor(ecu: Ecu) -> None:
     ecu.feedforward = ONE
     for corner in range(4):
         ecu.trust[corner] = ONE
-    init_clock(ecu)
+    init_samples(ecu)

@@ -9,6 +9,7 @@ counts as failed until the next ``init``: the evidence needs a command, which SA
 
 from firmware.calibration import BARS, STATE_MAX, STATE_MIN, SUSPENSION, Calibration
 from firmware.fixed_point import product, with_share
+from firmware.monitors.residual import DELIVERY, judge
 from firmware.plausibility import NEEDED, STUCK
 from firmware.state import FIRST_FRAME, RX_ACTUATOR_STATE, Ecu
 from firmware.subset import clamp, i32
@@ -58,18 +59,13 @@ def watch_axle(ecu: Ecu, cal: Calibration, axle: i32) -> None:
     status: i32 = ecu.status[2 * axle] | ecu.status[2 * axle + 1]
     if (ecu.enabled & ecu.command_held) == 0 or status >= STUCK:
         # nothing follows the commands; afterwards what does starts from zero
-        ecu.astray[axle] = 0
+        judge(ecu, DELIVERY + axle, 0, cal.delivery_samples)
         widen(ecu, axle, 0)
         return
     widen(ecu, axle, ecu.commanded[axle])
     if status != 0:
         widen(ecu, axle, 0)
-    if outside(ecu, cal, axle) == 0:
-        ecu.astray[axle] = 0
-        return
-    ecu.astray[axle] = clamp(ecu.astray[axle] + 1, 0, cal.delivery_samples)
-    if ecu.astray[axle] == cal.delivery_samples:
-        ecu.contradicted[axle] = 1
+    judge(ecu, DELIVERY + axle, outside(ecu, cal, axle), cal.delivery_samples)
 
 
 def watch_delivery(ecu: Ecu, cal: Calibration) -> None:

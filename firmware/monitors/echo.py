@@ -9,7 +9,7 @@ and what it does to the body is judged by the other monitors.
 
 from firmware.calibration import Calibration
 from firmware.com import protection
-from firmware.monitors.redundancy import lasting
+from firmware.monitors.residual import ECHO, judge
 from firmware.plausibility import FAULT_COMMAND_LATE
 from firmware.state import N_SENT, Ecu
 from firmware.subset import byte, clamp, i32, u8
@@ -41,10 +41,10 @@ def note_echo(ecu: Ecu, cal: Calibration, slot: u8) -> None:
     late: i32 = 0
     if ((byte(ecu.time) - sent) & 255) >= cal.acknowledge_ticks - SPARE:
         late = 1
-    ecu.late_echoes = byte(lasting(ecu.late_echoes, late, LATE_ECHOES))
+    judge(ecu, ECHO, late, LATE_ECHOES)
 
 
 def watch_echo(ecu: Ecu) -> None:
     """Report late echoes until one is in time."""
-    if ecu.late_echoes == LATE_ECHOES:
+    if ecu.evidence[ECHO] == LATE_ECHOES:
         ecu.detected = ecu.detected | (1 << FAULT_COMMAND_LATE)

@@ -9,11 +9,24 @@ changes by the yaw rate less the lateral acceleration over the speed; where that
 than any that a driver can steer against, the acceleration is wrong. Where both agree, turned away
 from where the car was steered to, and are the mirror image of what steering gives, the unit is
 reversed or replayed, or the angle is reversed. A wrong roll rate drives the observer's gyro bias to
-its bound, which no real bias comes near. A finding lasts until the next ``init``.
+its bound, which no real bias comes near.
 """
 
 from firmware.calibration import BYPASS, Q_ACCELERATION, Q_SLIDE, Q_SPEED, STATE_MAX, Calibration
 from firmware.fixed_point import magnitude, product, with_share
+from firmware.monitors.residual import (
+    APART,
+    BIAS,
+    MIRROR,
+    MIRRORED,
+    SLIDE,
+    STEERED,
+    gap,
+    judge,
+    low_pass,
+    peak_hold,
+    side_of,
+)
 from firmware.state import FIRST_FRAME, GYRO_BIAS, RX_IMU, Ecu
 from firmware.subset import clamp, i32, rsh, sat31
 
@@ -26,38 +39,6 @@ DISTANCE = 1
 # the mirror image: the motion follows steering, and what is nearer is averaged
 FOLLOWING = 2
 AVERAGING = 3
-
-
-def lasting(count: i32, bad: i32, samples: i32) -> i32:
-    """Return the number of ``bad`` samples in a row, at most ``samples``; a bad one may be two."""
-    if bad == 0:
-        return 0
-    return clamp(count + bad, 0, samples)
-
-
-def beyond(value: i32, limit: i32) -> i32:
-    """Return 1 for a value beyond ``limit``, 2 beyond its double, which needs half the time."""
-    if value > limit + limit:
-        return 2
-    if value > limit:
-        return 1
-    return 0
-
-
-def gap(value: i32, one: i32, other: i32) -> i32:
-    """Return by how much ``value`` is outside the interval between ``one`` and ``other``."""
-    high: i32 = clamp(one, other, STATE_MAX)
-    low: i32 = clamp(one, -STATE_MAX, other)
-    return clamp(value - high, clamp(low - value, 0, STATE_MAX), STATE_MAX)
-
-
-def side_of(one: i32, other: i32, least: i32) -> i32:
-    """Return 1 where both exceed ``least``, -1 where both are below its negative, else 0."""
-    if one > least and other > least:
-        return 1
-    if one < -least and other < -least:
-        return -1
-    return 0
 
 
 def frozen(ecu: Ecu, cal: Calibration, lateral: i32, turning: i32) -> i32:
@@ -77,34 +58,30 @@ def watch_lateral_acceleration(ecu: Ecu, cal: Calibration) -> None:
     turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
     steered: i32 = ecu.steering_acceleration
     motion: i32 = clamp(magnitude(turning), magnitude(steered), STATE_MAX)
-    faded: i32 = ecu.motion_peak - rsh(ecu.motion_peak * cal.redundancy_pass[TRUST], 30)
-    ecu.motion_peak = clamp(motion, faded, STATE_MAX)
-    faded = ecu.motion_now - rsh(ecu.motion_now * cal.redundancy_pass[DISTANCE], 30)
-    ecu.motion_now = clamp(motion, faded, STATE_MAX)
+    ecu.motion_peak = peak_hold(ecu.motion_peak, motion, cal.redundancy_pass[TRUST])
+    ecu.motion_now = peak_hold(ecu.motion_now, motion, cal.redundancy_pass[DISTANCE])
     apart: i32 = frozen(ecu, cal, lateral, turning)
     if ecu.motion_peak < cal.redundancy_limit:
         limit: i32 = with_share(cal.redundancy_min, ecu.motion_now, cal.redundancy_share)
         if gap(lateral, turning, steered) > limit:
             apart = 1
-    ecu.apart_samples = lasting(ecu.apart_samples, apart, cal.apart_samples)
-    if ecu.apart_samples == cal.apart_samples:
-        ecu.lateral_contradicted = 1
+    judge(ecu, APART, apart, cal.apart_samples)
     if side_of(lateral, -turning, cal.opposite_min) == 0:
         ecu.slide = 0
         return
     ecu.slide = sat31(ecu.slide + rsh(magnitude(turning - lateral), Q_ACCELERATION - Q_SLIDE))
     if ecu.slide > product(ecu.speed, cal.slide_max, Q_SPEED):
-        ecu.lateral_contradicted = 1
+        judge(ecu, SLIDE, 1, 1)
 
 
-def watch_side(ecu: Ecu, cal: Calibration, lateral: i32, turning: i32) -> None:
+def watch_side(ecu: Ecu, cal: Calibration, lateral: i32, turning: i32, steered: i32) -> None:
     """Note whether the unit last turned to a side away from where the car was steered to.
 
     In a slide with countersteer it is the steering that changes its side.
     """
     side: i32 = side_of(lateral, turning, cal.mirror_min)
     if side != 0 and side != ecu.unit_side:
-        ecu.unit_away = side_of(lateral, -ecu.steered_slow, 0) & 1
+        ecu.unit_away = side_of(lateral, -steered, 0) & 1
         ecu.unit_side = side
     if magnitude(lateral) <= cal.mirror_min and magnitude(turning) <= cal.mirror_min:
         ecu.unit_side = 0
@@ -114,20 +91,17 @@ def watch_mirror_image(ecu: Ecu, cal: Calibration) -> None:
     """Judge whether lateral acceleration and yaw rate are what steering gives, or its negative."""
     lateral: i32 = ecu.lateral_acceleration
     turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
-    behind: i32 = ecu.steering_acceleration - ecu.steered_slow
-    slow: i32 = sat31(ecu.steered_slow + rsh(behind * cal.redundancy_pass[FOLLOWING], 30))
-    ecu.steered_slow = slow
-    watch_side(ecu, cal, lateral, turning)
+    slow: i32 = low_pass(ecu, STEERED, ecu.steering_acceleration, cal.redundancy_pass[FOLLOWING])
+    watch_side(ecu, cal, lateral, turning, slow)
     if ecu.unit_away == 0:
-        ecu.mirrored = 0
+        ecu.passed[MIRRORED] = 0
         return
     to_it: i32 = clamp(magnitude(turning - slow), 0, magnitude(lateral - slow))
     to_mirror: i32 = clamp(magnitude(turning + slow), magnitude(lateral + slow), STATE_MAX)
     nearer: i32 = sat31(to_it - to_mirror - rsh(to_mirror, 1))
-    change: i32 = rsh((nearer - ecu.mirrored) * cal.redundancy_pass[AVERAGING], 30)
-    ecu.mirrored = sat31(ecu.mirrored + change)
-    if ecu.mirrored > cal.mirror_min and ecu.motion_peak < cal.mirror_limit:
-        ecu.motion_contradicted = 1
+    mirrored: i32 = low_pass(ecu, MIRRORED, nearer, cal.redundancy_pass[AVERAGING])
+    if mirrored > cal.mirror_min and ecu.motion_peak < cal.mirror_limit:
+        judge(ecu, MIRROR, 1, 1)
 
 
 def watch_redundancy(ecu: Ecu, cal: Calibration) -> None:
@@ -139,9 +113,7 @@ def watch_redundancy(ecu: Ecu, cal: Calibration) -> None:
     bound: i32 = 0
     if magnitude(ecu.x[GYRO_BIAS]) >= cal.bias_max:
         bound = 1
-    ecu.bound_samples = lasting(ecu.bound_samples, bound, cal.bound_samples)
-    if ecu.bound_samples == cal.bound_samples:
-        ecu.rate_contradicted = 1
+    judge(ecu, BIAS, bound, cal.bound_samples)
     if ecu.motion_lost == 0 and (ecu.valid[RX_IMU] & LATERAL_AND_YAW) == LATERAL_AND_YAW:
         watch_lateral_acceleration(ecu, cal)
         watch_mirror_image(ecu, cal)

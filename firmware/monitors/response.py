@@ -27,33 +27,38 @@ springs do not change while the car drives. A rough road adds up in what is inte
 
 from firmware.calibration import Q_SHARE, STATE_MAX, Calibration
 from firmware.fixed_point import magnitude, product, shifted
-from firmware.monitors.balance import (
+from firmware.monitors.residual import (
     ACTUATORS,
     BODY,
-    BOTH,
+    CALM,
+    DAMPER_STEPS,
     DAMPERS,
     LATERAL,
-    NOTHING,
-    ONE_BALANCE,
+    MODEL,
     SIDE_FORCE,
     SPRINGS,
     STEADY,
-    accuse_axles,
+    balance,
+    change,
     deflect,
     high_pass,
-    mean_change,
-    raise_threshold,
-    residual,
+    judge,
+    judge_axles,
+    mean_step,
+    peak_hold,
     share,
+    side_of,
     start_balance,
-    washout,
 )
-from firmware.monitors.redundancy import lasting, side_of
 from firmware.monitors.rolling import ROLL_SIGNAL, YAW, measured, within
 from firmware.plausibility import NEEDED
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, Ecu
 from firmware.subset import clamp, i32, i64, rsh, sat31
 
+# values of ecu.response_known: neither balance is judged, that of the moments, both
+UNKNOWN = 0
+ONE_BALANCE = 1
+BOTH = 2
 # bit of ecu.valid of an Imu frame
 LATERAL_SIGNAL = 2
 # what the model may be wrong by fades in 8 time constants of the low-pass
@@ -97,25 +102,22 @@ def watch_lateral_balance(
 
     ``by_yaw_rate`` is by how much that differs from it, ``uncertainty`` that of the model.
     """
-    raise_threshold(ecu, LATERAL, uncertainty, rsh(cal.response_pass, FADING))
+    bound: i32 = peak_hold(ecu.bound[LATERAL], uncertainty, rsh(cal.response_pass, FADING))
+    ecu.bound[LATERAL] = bound
     side: i32 = 0
     if ecu.motion_lost == 0 and (ecu.valid[RX_IMU] & YAW) != 0:
-        side = side_of(
-            mismatch, by_yaw_rate, sat31(ecu.balance_uncertainty[LATERAL] + cal.steady_min)
-        )
-    ecu.balance_ticks[LATERAL] = lasting(ecu.balance_ticks[LATERAL], side & 1, cal.response_ticks)
-    if ecu.balance_ticks[LATERAL] == cal.response_ticks:
-        ecu.lateral_contradicted = 1
+        side = side_of(mismatch, by_yaw_rate, sat31(bound + cal.steady_min))
+    judge(ecu, LATERAL, side & 1, cal.response_ticks)
 
 
 def watch_model(ecu: Ecu, cal: Calibration, by_force: i32, mismatch: i32) -> None:
     """Note for good that a lateral force leaves over no more for long than to the other side."""
-    if ecu.model_ticks == cal.response_ticks:
+    if ecu.evidence[MODEL] == cal.response_ticks:
         return
     right: i32 = 0
     if magnitude(mismatch) + cal.steady_min < share(by_force, cal.steady_share[1]):
         right = 1
-    ecu.model_ticks = lasting(ecu.model_ticks, right, cal.response_ticks)
+    judge(ecu, MODEL, right, cal.response_ticks)
 
 
 def force_uncertainty(ecu: Ecu, cal: Calibration, by_force: i32, mismatch: i32) -> i32:
@@ -125,7 +127,7 @@ def force_uncertainty(ecu: Ecu, cal: Calibration, by_force: i32, mismatch: i32) 
     side than the reverse does to the other; until that was seen not to be so.
     """
     own: i32 = cal.steady_share[0]
-    if ecu.model_ticks == cal.response_ticks:
+    if ecu.evidence[MODEL] == cal.response_ticks:
         own = cal.steady_share[1]
     return share_by_side(own, cal.steady_share[1], by_force, mismatch)
 
@@ -138,24 +140,26 @@ def watch_steady(
     ``by_yaw_rate`` as above: to the same side, it is the acceleration that may be wrong.
     ``uncertainty`` is that of the model.
     """
-    raise_threshold(ecu, STEADY, uncertainty, rsh(cal.response_pass, FADING))
-    late: i32 = product(ecu.balance_uncertainty[DAMPERS], cal.response_late[1], 10)
-    limit: i32 = sat31(ecu.balance_uncertainty[STEADY] + late + cal.steady_min)
+    bound: i32 = peak_hold(ecu.bound[STEADY], uncertainty, rsh(cal.response_pass, FADING))
+    ecu.bound[STEADY] = bound
+    late: i32 = product(ecu.bound[DAMPERS], cal.response_late[1], 10)
+    bound = sat31(bound + late + cal.steady_min)
     if within(ecu, cal.response_limit) == 0 or side_of(mismatch, by_yaw_rate, cal.steady_min) != 0:
-        limit = STATE_MAX
-    accuse_axles(ecu, STEADY, mismatch, limit, cal.response_ticks)
+        bound = STATE_MAX
+    judge_axles(ecu, STEADY, mismatch, bound, cal.response_ticks)
 
 
 def start_parts(ecu: Ecu, damping: i32, moment: i32, lateral: i32, momentum: i32) -> None:
     """Start the balance of the moments from what acts, part by part."""
-    start_balance(ecu, SIDE_FORCE, lateral, 0)
-    start_balance(ecu, SPRINGS, 0, 0)
-    start_balance(ecu, DAMPERS, damping, 0)
-    start_balance(ecu, ACTUATORS, moment, 0)
-    start_balance(ecu, BODY, 0, momentum)
-    start_balance(ecu, LATERAL, sat31(damping - moment - lateral), momentum)
-    start_balance(ecu, STEADY, 0, 0)
-    ecu.balance_past[DAMPERS] = damping
+    start_balance(ecu, SIDE_FORCE, lateral)
+    start_balance(ecu, SPRINGS, 0)
+    start_balance(ecu, DAMPERS, damping)
+    start_balance(ecu, ACTUATORS, moment)
+    start_balance(ecu, BODY, 0)
+    ecu.passed[BODY] = momentum
+    start_balance(ecu, LATERAL, sat31(damping - moment - lateral))
+    start_balance(ecu, STEADY, 0)
+    ecu.past[DAMPER_STEPS] = damping
 
 
 def road_uncertainty(ecu: Ecu, cal: Calibration) -> i32:
@@ -177,13 +181,12 @@ def road_uncertainty(ecu: Ecu, cal: Calibration) -> i32:
 def watch_calm(ecu: Ecu, cal: Calibration, mismatch: i32) -> None:
     """Judge the slow balances once the start's ``mismatch`` and the model's may be little."""
     calm: i32 = 0
-    if ecu.balance_uncertainty[BODY] + magnitude(mismatch) < rsh(cal.steady_min, 1):
+    if ecu.bound[BODY] + magnitude(mismatch) < rsh(cal.steady_min, 1):
         calm = 1
-    ecu.balance_ticks[LATERAL] = lasting(ecu.balance_ticks[LATERAL], calm, cal.response_ticks)
-    if ecu.balance_ticks[LATERAL] == cal.response_ticks:
+    if judge(ecu, CALM, calm, cal.response_ticks) == 1:
         ecu.response_known = BOTH
-        ecu.balance_ticks[LATERAL] = 0
-        ecu.balance_ticks[STEADY] = 0
+        ecu.evidence[LATERAL] = 0
+        ecu.evidence[STEADY] = 0
 
 
 def watch_body(ecu: Ecu, cal: Calibration, mismatch: i32, inertia: i32, bumpy: i32) -> None:
@@ -191,11 +194,10 @@ def watch_body(ecu: Ecu, cal: Calibration, mismatch: i32, inertia: i32, bumpy: i
 
     ``inertia`` is what the body's takes, ``bumpy`` what dampers may make of a rough road.
     """
-    # a part has no momentum: it is what its low-pass holds
-    actuators: i32 = ecu.balance_slow[ACTUATORS]
-    shares: i64 = cal.response_share[0] * magnitude(ecu.balance_slow[SIDE_FORCE])
-    shares += cal.response_share[1] * magnitude(ecu.balance_slow[SPRINGS])
-    shares += cal.response_share[2] * magnitude(ecu.balance_slow[DAMPERS])
+    actuators: i32 = ecu.passed[ACTUATORS]
+    shares: i64 = cal.response_share[0] * magnitude(ecu.passed[SIDE_FORCE])
+    shares += cal.response_share[1] * magnitude(ecu.passed[SPRINGS])
+    shares += cal.response_share[2] * magnitude(ecu.passed[DAMPERS])
     shares += cal.response_share[3] * magnitude(actuators)
     shares += cal.response_share[4] * magnitude(inertia)
     if within(ecu, cal.response_limit) == 0:
@@ -203,12 +205,12 @@ def watch_body(ecu: Ecu, cal: Calibration, mismatch: i32, inertia: i32, bumpy: i
         shares += cal.limit_share[0] * magnitude(inertia)
         shares += cal.limit_share[1] * magnitude(actuators)
     uncertainty: i32 = sat31(shifted(shares, Q_SHARE) + bumpy)
-    raise_threshold(ecu, BODY, uncertainty, rsh(cal.response_pass, FADING))
-    raise_threshold(ecu, SPRINGS, 0, cal.response_wash[0])
-    late: i32 = product(ecu.balance_uncertainty[DAMPERS], cal.response_late[0], 10)
-    start: i32 = ecu.balance_uncertainty[SPRINGS]
-    limit: i32 = sat31(ecu.balance_uncertainty[BODY] + start + late + cal.response_min)
-    accuse_axles(ecu, BODY, mismatch, limit, cal.response_ticks)
+    ecu.bound[BODY] = peak_hold(ecu.bound[BODY], uncertainty, rsh(cal.response_pass, FADING))
+    # what the start leaves over
+    ecu.bound[SPRINGS] = peak_hold(ecu.bound[SPRINGS], 0, cal.response_wash[0])
+    late: i32 = product(ecu.bound[DAMPERS], cal.response_late[0], 10)
+    bound: i32 = sat31(ecu.bound[BODY] + ecu.bound[SPRINGS] + late + cal.response_min)
+    judge_axles(ecu, BODY, mismatch, bound, cal.response_ticks)
 
 
 def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
@@ -232,18 +234,23 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     lateral: i32 = product(ecu.lateral_acceleration, cal.response_lateral, 20)
     momentum: i32 = product(ecu.roll_rate, cal.response_inertia, 23)
     acting: i32 = sat31(damping - moment - lateral)
-    if ecu.response_known == NOTHING:
+    if ecu.response_known == UNKNOWN:
         ecu.response_known = ONE_BALANCE
         start_parts(ecu, damping, moment, lateral, momentum)
-        ecu.balance_ticks[LATERAL] = 0
+        ecu.evidence[CALM] = 0
         # springs that bear a curve, or a body that is speeding up by as much
-        raise_threshold(ecu, SPRINGS, product(cal.response_limit, cal.response_lateral, 20), 0)
+        ecu.bound[SPRINGS] = product(cal.response_limit, cal.response_lateral, 20)
     stretched: i32 = product(damping, cal.response_stretch, 30)
     bumpy: i32 = road_uncertainty(ecu, cal)
-    mean_change(ecu, cal, DAMPERS, damping)
-    lateral_mismatch: i32 = residual(ecu, cal, LATERAL, acting, momentum)
+    mean_step(ecu, cal, DAMPERS, DAMPER_STEPS, damping)
+    quick: i32 = cal.response_wash[0]
+    slow: i32 = quick
+    if ecu.response_known == BOTH:
+        slow = cal.response_wash[1]
+    inertia: i32 = change(ecu, BODY, momentum, cal.response_pass)
+    lateral_mismatch: i32 = sat31(balance(ecu, cal, LATERAL, acting, slow) + inertia)
     deflect(ecu, LATERAL, stretched)
-    by_force: i32 = high_pass(ecu, STEADY, lateral, washout(ecu, cal, STEADY))
+    by_force: i32 = high_pass(ecu, STEADY, lateral, slow)
     if ecu.response_known == BOTH:
         turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
         by_yaw_rate: i32 = product(turning - ecu.lateral_acceleration, cal.response_lateral, 20)
@@ -255,11 +262,10 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
             moment, cal.steady_share[2]
         )
         watch_steady(ecu, cal, lateral_mismatch, by_yaw_rate, sat31(may_be + bumpy))
-    side_force: i32 = residual(ecu, cal, SIDE_FORCE, lateral, 0)
-    springs: i32 = residual(ecu, cal, SPRINGS, 0, 0)
-    dampers: i32 = residual(ecu, cal, DAMPERS, damping, 0)
-    actuators: i32 = residual(ecu, cal, ACTUATORS, moment, 0)
-    inertia: i32 = residual(ecu, cal, BODY, 0, momentum)
+    side_force: i32 = balance(ecu, cal, SIDE_FORCE, lateral, quick)
+    springs: i32 = balance(ecu, cal, SPRINGS, 0, quick)
+    dampers: i32 = balance(ecu, cal, DAMPERS, damping, quick)
+    actuators: i32 = balance(ecu, cal, ACTUATORS, moment, quick)
     deflect(ecu, SPRINGS, stretched)
     mismatch: i32 = sat31(inertia + springs + dampers - side_force - actuators)
     watch_body(ecu, cal, mismatch, inertia, bumpy)

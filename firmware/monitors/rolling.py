@@ -7,24 +7,31 @@ both axles, low-passed, for a while. A single wrong stroke rate widens the inter
 nobody. Once wheels may have left the road it rests.
 
 A gyro that stands still to the last bit while both suspensions change their rates to one side is
-stuck: no motion and no noise does that, at the tyres' limit neither. A finding lasts until the next
-``init``.
+stuck: no motion and no noise does that, at the tyres' limit neither.
 """
 
 from firmware.calibration import Q_SHARE, STATE_MAX, Calibration
 from firmware.fixed_point import magnitude, product
-from firmware.monitors.redundancy import beyond, gap, lasting, side_of
+from firmware.monitors.residual import (
+    FRONT,
+    REAR,
+    ROLLING,
+    STANDING,
+    beyond,
+    gap,
+    high_pass,
+    judge,
+    low_pass,
+    peak_hold,
+    side_of,
+)
 from firmware.plausibility import NEEDED
 from firmware.state import RX_IMU, RX_SUSPENSION_RATE, Ecu
-from firmware.subset import clamp, i32, sat31
+from firmware.subset import clamp, i32, rsh, sat31
 
 # bits of ecu.valid of an Imu frame; the first is the roll rate's of cal.measurements too
 ROLL_SIGNAL = 1
 YAW = 4
-# the three rates
-GYRO = 0
-FRONT = 1
-REAR = 2
 # what may be left over fades in 8 time constants of the low-pass
 FADING = 3
 
@@ -54,16 +61,6 @@ def within(ecu: Ecu, limit: i32) -> i32:
     return 1
 
 
-def smooth(ecu: Ecu, cal: Calibration, which: i32, rate: i32) -> None:
-    """Low-pass one of the rates; it starts from what is now."""
-    if ecu.rolling_known == 0:
-        ecu.rolling_rate[which] = rate
-    behind: i32 = sat31(rate - ecu.rolling_rate[which])
-    ecu.rolling_rate[which] = sat31(
-        ecu.rolling_rate[which] + product(behind, cal.response_pass, 30)
-    )
-
-
 def watch_standing(ecu: Ecu, cal: Calibration, front: i32, rear: i32) -> None:
     """Judge whether the roll rate stands still while the suspensions roll at other rates."""
     stands: i32 = 0
@@ -73,9 +70,7 @@ def watch_standing(ecu: Ecu, cal: Calibration, front: i32, rear: i32) -> None:
         ecu.standing_rear = rear
     elif side_of(front - ecu.standing_front, rear - ecu.standing_rear, cal.rolling_min) != 0:
         stands = 1
-    ecu.standing_ticks = lasting(ecu.standing_ticks, stands, cal.rolling_ticks)
-    if ecu.standing_ticks == cal.rolling_ticks:
-        ecu.rate_contradicted = 1
+    judge(ecu, STANDING, stands, cal.rolling_ticks)
 
 
 def watch_rolling(ecu: Ecu, cal: Calibration) -> None:
@@ -84,7 +79,7 @@ def watch_rolling(ecu: Ecu, cal: Calibration) -> None:
         return
     if measured(ecu, cal) == 0:
         ecu.rolling_known = 0
-        ecu.standing_ticks = 0
+        ecu.evidence[STANDING] = 0
         return
     front: i32 = product(ecu.stroke_rate[0] - ecu.stroke_rate[1], cal.rolling_track[0], 28)
     rear: i32 = product(ecu.stroke_rate[2] - ecu.stroke_rate[3], cal.rolling_track[1], 28)
@@ -93,27 +88,23 @@ def watch_rolling(ecu: Ecu, cal: Calibration) -> None:
         ecu.rolling_known = 0
         return
     moment: i32 = sat31(ecu.delivered[0] + ecu.delivered[1])
-    smooth(ecu, cal, GYRO, ecu.roll_rate)
-    smooth(ecu, cal, FRONT, front)
-    smooth(ecu, cal, REAR, rear)
     if ecu.rolling_known == 0:
         ecu.rolling_known = 1
-        ecu.rolling_ticks = 0
-        ecu.rolling_size = 0
-        ecu.rolling_moment = moment
+        ecu.passed[ROLLING] = ecu.roll_rate
+        ecu.passed[FRONT] = front
+        ecu.passed[REAR] = rear
+        ecu.past[ROLLING] = moment
+        ecu.bound[ROLLING] = 0
+        ecu.evidence[ROLLING] = 0
+    rate: i32 = low_pass(ecu, ROLLING, ecu.roll_rate, cal.response_pass)
+    front = low_pass(ecu, FRONT, front, cal.response_pass)
+    rear = low_pass(ecu, REAR, rear, cal.response_pass)
     # so much it has changed within about the low-pass's time constant
-    changed: i32 = sat31(moment - ecu.rolling_moment)
-    ecu.rolling_moment = sat31(ecu.rolling_moment + product(changed, cal.response_pass, 30))
-    front = ecu.rolling_rate[FRONT]
-    rear = ecu.rolling_rate[REAR]
-    size: i32 = ecu.rolling_size
-    size = size - product(size, cal.response_pass, 30 + FADING)
+    changed: i32 = high_pass(ecu, ROLLING, moment, cal.response_pass)
     larger: i32 = clamp(magnitude(front), magnitude(rear), STATE_MAX)
     on_tyres: i32 = magnitude(product(changed, cal.rolling_tyres, 17))
     now: i32 = sat31(product(larger, cal.rolling_share, Q_SHARE) + on_tyres)
-    ecu.rolling_size = clamp(now, size, STATE_MAX)
-    apart: i32 = gap(ecu.rolling_rate[GYRO], front, rear)
-    bad: i32 = beyond(apart, sat31(cal.rolling_min + ecu.rolling_size))
-    ecu.rolling_ticks = lasting(ecu.rolling_ticks, bad, cal.rolling_ticks)
-    if ecu.rolling_ticks == cal.rolling_ticks:
-        ecu.rate_contradicted = 1
+    bound: i32 = peak_hold(ecu.bound[ROLLING], now, rsh(cal.response_pass, FADING))
+    ecu.bound[ROLLING] = bound
+    bad: i32 = beyond(gap(rate, front, rear), sat31(cal.rolling_min + bound))
+    judge(ecu, ROLLING, bad, cal.rolling_ticks)

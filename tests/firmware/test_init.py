@@ -40,7 +40,7 @@ def test_everything_starts_at_zero_but_what_is_calibrated_or_means_that_nothing_
         "echo": 255,
         "e2e_last": [255] * fw.N_RX,
         "last_sample": [16] * fw.N_RX,
-        "clock_gap": AGE_MAX,
+        "sample_gap": [AGE_MAX, 0],
         # as calibrated
         "e2e_delta": cal.e2e_max_delta,
         "front_share": cal.schedule_front_share[0],

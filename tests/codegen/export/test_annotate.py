@@ -83,7 +83,7 @@ def test_formats_are_those_of_the_fields():
     }
     assert "Q14 x Q30 >> 30 -> Q14" in notes["allocation.front_moment"]
     assert "Q24 x Q24 -> Q48" in notes["covariance.update"]
-    assert "Q12 x Q30 >> 30 -> Q12" in notes["erratic.watch_signal"]
+    assert "Q12 x Q30 >> 30 -> Q12" in notes["samples.watch_signal"]
     # an eighth of a value, not another format; and raw values of a frame, which have no format
     assert not any(notes["envelope.outward"])
     assert not any(notes["signals.pack_suspension_force"])

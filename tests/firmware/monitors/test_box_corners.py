@@ -15,9 +15,8 @@ from hypothesis import strategies as st
 from scipy.signal import StateSpace, lsim
 
 from firmware import calibration as fw
-from firmware.monitors.axles import watch_axles
-from firmware.monitors.balance import HEAVE
-from firmware.monitors.heave import watch_heave
+from firmware.monitors.axles import watch_axles, watch_heave
+from firmware.monitors.residual import HEAVE
 from firmware.monitors.response import road_uncertainty
 from firmware.state import RX_IMU, Ecu
 from gain_gen.calibration.response_part import response_fields
@@ -162,8 +161,8 @@ def test_a_hill_lifts_no_corner_of_softer_springs():
     for rate in np.gradient(travel, STEP):
         ecu.stroke_rate = [round(rate * 2**fw.Q_RATE)] * 4
         watch_heave(ecu, cal)
-    assert ecu.contradicted == [0, 0]
-    assert ecu.balance_ticks[HEAVE] == 0
+    assert rig.accused_axles(ecu) == [0, 0]
+    assert ecu.evidence[HEAVE] == 0
 
 
 @given(

@@ -5,7 +5,7 @@ import rig
 
 from firmware import calibration as fw
 from firmware.com.signals import RX_SIGNALS
-from firmware.monitors.clock import watch_clock
+from firmware.monitors.samples import watch_samples
 from firmware.plausibility import FAULT_SAMPLE_RATE_OFF
 from firmware.state import ACTIVE, AGE_MAX, RX_IMU, Ecu
 
@@ -25,7 +25,7 @@ def ticks(ecu: Ecu, cal: fw.Calibration, elapsed: int, counter: int | None) -> b
     if counter is not None:
         ecu.imu_sample = counter % 16
     ecu.detected = 0
-    watch_clock(ecu, cal, elapsed)
+    watch_samples(ecu, cal, elapsed)
     assert ecu.detected in (0, BIT)
     return ecu.detected == BIT
 
@@ -34,7 +34,7 @@ def begun(cal: fw.Calibration) -> Ecu:
     """An ECU that has just received sample 0 as its first."""
     ecu = rig.started(cal)
     assert not ticks(ecu, cal, 1, 0)
-    assert (ecu.clock_error, ecu.clock_ticks, ecu.clock_gap) == (0, 0, 0)
+    assert (ecu.clock_error, ecu.clock_ticks, ecu.sample_gap[0]) == (0, 0, 0)
     return ecu
 
 
@@ -99,10 +99,10 @@ def test_ticks_without_a_frame_add_up():
     ecu = begun(cal)
     for gone in range(1, 4):
         ticks(ecu, cal, 1, None)
-        assert ecu.clock_gap == gone
+        assert ecu.sample_gap[0] == gone
     ticks(ecu, cal, 1, 4)
-    assert (ecu.clock_gap, ecu.clock_ticks, ecu.clock_error) == (0, 4, 0)
-    assert ecu.clock_sample == 4
+    assert (ecu.sample_gap[0], ecu.clock_ticks, ecu.clock_error) == (0, 4, 0)
+    assert ecu.sample_count[0] == 4
 
 
 @pytest.mark.parametrize(
@@ -129,16 +129,16 @@ def test_a_break_or_a_reset_starts_the_window_anew(elapsed, step, window):
     assert (ecu.clock_ticks, ecu.clock_error) == (10, 0)
     assert not ticks(ecu, cal, elapsed, 10 + step)
     assert (ecu.clock_ticks, ecu.clock_error) == window
-    assert (ecu.clock_gap, ecu.clock_sample) == (0, (10 + step) % 16)
+    assert (ecu.sample_gap[0], ecu.sample_count[0]) == (0, (10 + step) % 16)
 
 
 @pytest.mark.parametrize("gap", [1, 3])
 def test_the_first_sample_has_any_number(gap):
     cal = watched()
     ecu = rig.started(cal)
-    assert ecu.clock_gap == AGE_MAX
+    assert ecu.sample_gap[0] == AGE_MAX
     assert not ticks(ecu, cal, gap, 2)
-    assert (ecu.clock_ticks, ecu.clock_error, ecu.clock_sample) == (0, 0, 2)
+    assert (ecu.clock_ticks, ecu.clock_error, ecu.sample_count[0]) == (0, 0, 2)
 
 
 @pytest.mark.parametrize(("more", "sign"), [(0, 1), (1, 1), (0, -1), (1, -1)])
@@ -185,7 +185,7 @@ def test_off_it_counts_nothing():
     ecu = rig.started(cal)
     for k in range(50):
         assert not ticks(ecu, cal, 1, 2 * k)
-    assert (ecu.clock_gap, ecu.clock_error, ecu.clock_off) == (AGE_MAX, 0, 0)
+    assert (ecu.clock_error, ecu.clock_off) == (0, 0)
 
 
 def test_it_is_reported_once_and_changes_no_mode():

@@ -55,9 +55,9 @@ def test_what_is_delivered_before_the_first_command_is_of_before_a_restart():
     held(ecu, cal, 0.0, -2000.0, samples=2 * WINDOW + SAMPLES)
     ecu.commands_sent = 1
     held(ecu, cal, -1900.0, -1900.0, samples=WINDOW)
-    assert ecu.contradicted == [0, 0]
+    assert rig.accused_axles(ecu) == [0, 0]
     held(ecu, cal, 0.0, -2000.0, samples=2 * WINDOW + SAMPLES)
-    assert ecu.contradicted == [1, 0]
+    assert rig.accused_axles(ecu) == [1, 0]
 
 
 @pytest.mark.parametrize("actuator", [fw.SUSPENSION, fw.BARS])
@@ -68,7 +68,7 @@ def test_a_moment_outside_the_band_of_its_commands_is_a_fault(actuator, delivere
     cal = watched(actuator)
     ecu = following(cal)
     held(ecu, cal, 1000.0, delivered, samples=2 * WINDOW + SAMPLES)
-    assert ecu.contradicted == [fault, 0]
+    assert rig.accused_axles(ecu) == [fault, 0]
 
 
 def test_it_takes_so_many_samples_in_a_row():
@@ -77,9 +77,9 @@ def test_it_takes_so_many_samples_in_a_row():
     held(ecu, cal, 0.0, 2000.0, samples=SAMPLES - 1)
     held(ecu, cal, 0.0, 0.0, samples=1)
     held(ecu, cal, 0.0, 2000.0, samples=SAMPLES - 1)
-    assert ecu.contradicted == [0, 0]
+    assert rig.accused_axles(ecu) == [0, 0]
     held(ecu, cal, 0.0, 2000.0, samples=1)
-    assert ecu.contradicted == [1, 0]
+    assert rig.accused_axles(ecu) == [1, 0]
 
 
 @pytest.mark.parametrize("start", range(WINDOW))
@@ -90,9 +90,9 @@ def test_a_command_may_take_a_window_to_be_delivered(start):
     held(ecu, cal, 3000.0, 0.0, samples=WINDOW)
     held(ecu, cal, 3000.0, 3000.0, samples=2 * WINDOW)
     held(ecu, cal, -3000.0, 3000.0, samples=WINDOW)
-    assert ecu.contradicted == [0, 0]
+    assert rig.accused_axles(ecu) == [0, 0]
     held(ecu, cal, -3000.0, 3000.0, samples=WINDOW + SAMPLES)
-    assert ecu.contradicted == [1, 0]
+    assert rig.accused_axles(ecu) == [1, 0]
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_what_follows_no_command_or_is_not_known_is_not_judged(state):
     for name, value in state.items():
         setattr(ecu, name, value)
     held(ecu, cal, 3000.0, -3000.0, samples=3 * WINDOW)
-    assert ecu.contradicted == [0, 0]
+    assert rig.accused_axles(ecu) == [0, 0]
 
 
 @pytest.mark.parametrize("state", [{"enabled": 0}, {"command_held": 0}, {"status": [3] * 4}])
@@ -125,7 +125,7 @@ def test_actuators_that_follow_again_start_from_zero(state):
     ecu.enabled = ecu.command_held = ecu.commands_sent = 1
     ecu.status = [0] * 4
     held(ecu, cal, 3000.0, 0.0, samples=WINDOW)
-    assert ecu.contradicted == [0, 0]
+    assert rig.accused_axles(ecu) == [0, 0]
 
 
 def test_a_limited_actuator_may_fall_short_but_not_push_the_other_way():
@@ -133,9 +133,9 @@ def test_a_limited_actuator_may_fall_short_but_not_push_the_other_way():
     ecu = following(cal)
     ecu.status = [sv.LIMITED] * 4
     held(ecu, cal, 3000.0, 0.0, samples=3 * WINDOW)
-    assert ecu.contradicted == [0, 0]
+    assert rig.accused_axles(ecu) == [0, 0]
     held(ecu, cal, 3000.0, -3000.0, samples=SAMPLES)
-    assert ecu.contradicted == [1, 0]
+    assert rig.accused_axles(ecu) == [1, 0]
 
 
 def test_without_a_width_of_its_edges_the_band_is_not_watched():
@@ -143,7 +143,7 @@ def test_without_a_width_of_its_edges_the_band_is_not_watched():
     cal.delivery_min = 0
     ecu = following(cal)
     held(ecu, cal, 0.0, 8000.0, samples=3 * WINDOW)
-    assert ecu.contradicted == [0, 0]
+    assert rig.accused_axles(ecu) == [0, 0]
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,7 @@ def test_without_a_width_of_its_edges_the_band_is_not_watched():
 def test_an_axle_that_contradicts_its_commands_has_failed_for_good(actuator, contradicted, mode):
     cal = watched(actuator)
     bench = rig.Bench(cal).active()
-    bench.ecu.contradicted = list(contradicted)
+    bench.ecu.contradicted = 8 * contradicted[0] + 16 * contradicted[1]
     for _ in range(2 * cal.recovery_ticks):
         bench.step()
         assert bench.ecu.mode == mode

@@ -5,6 +5,7 @@ import rig
 
 from firmware.com import protection
 from firmware.monitors.echo import LATE_ECHOES, note_echo, note_sent, watch_echo
+from firmware.monitors.residual import ECHO
 from firmware.plausibility import FAULT_COMMAND, FAULT_COMMAND_LATE
 from firmware.state import ACTIVE, N_SENT, TX_SUSPENSION_FORCE
 from firmware.subset import I32_MAX, I32_MIN
@@ -42,7 +43,7 @@ class Sent:
         self.ecu.time = self.wrapped(self.ecu.time + ticks)
         self.ecu.accepted_counter = counter
         note_echo(self.ecu, self.cal, TX_SUSPENSION_FORCE)
-        return self.ecu.late_echoes
+        return self.ecu.evidence[ECHO]
 
 
 @pytest.mark.parametrize("changes", [{}, RULE], ids=["every tick", "event"])
@@ -74,12 +75,12 @@ def test_it_takes_three_late_echoes_in_a_row():
         watch_echo(ecu)
         reported.append(ecu.detected)
     assert reported == [0, 0, 0, 0, 0, BIT, BIT]
-    assert ecu.late_echoes == LATE_ECHOES == 3
+    assert ecu.evidence[ECHO] == LATE_ECHOES == 3
 
 
 def test_what_is_found_beside_it_stays():
     sent = Sent(1)
-    sent.ecu.late_echoes = LATE_ECHOES
+    sent.ecu.evidence[ECHO] = LATE_ECHOES
     sent.ecu.detected = 1
     watch_echo(sent.ecu)
     assert sent.ecu.detected == BIT | 1

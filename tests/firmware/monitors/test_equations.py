@@ -7,7 +7,8 @@ import pytest
 import rig
 
 from firmware import calibration as fw
-from firmware.monitors import axles, balance, heave, response, rolling
+from firmware.monitors import axles, response, rolling
+from firmware.monitors import residual as rows
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, Ecu
 
 PASS, QUICK, SLOW, OF_AXLES = 0.2, 0.05, 0.0008, 0.0126
@@ -26,7 +27,8 @@ AXLES_SIDE = 40.0
 REAR, AT_CENTRES, YAW = 1.2, -150.0, 4000.0
 HEAVE_STRETCH = (300.0, 250.0)
 TRACK, ROLLING_SHARE, TYRES = (0.6, 0.65), 0.25, 4e-5
-PARTS = ("spring", "slow", "past", "uncertainty")
+FILTERS = tuple(row for row in range(10) if row not in (rows.STEADY, rows.ROLLING))
+WASHED = (rows.STEADY, rows.FRONT, rows.REAR, rows.CENTRES, rows.DAMPER_STEPS, rows.HEAVE_STEPS)
 TICKS = 300
 LEAST = 1.0
 """What a balance may always have left over, N·m."""
@@ -143,8 +145,8 @@ class Floats:
 
     balances: list[Balance] = field(
         default_factory=lambda: [
-            Balance({balance.HEAVE: SLOW, balance.AXLES: OF_AXLES}.get(which, QUICK))
-            for which in range(9)
+            Balance({rows.HEAVE: SLOW, rows.AXLES: OF_AXLES}.get(which, QUICK))
+            for which in range(15)
         ]
     )
     known: bool = False
@@ -161,52 +163,52 @@ class Floats:
         side, momentum = ARM * it.lateral, INERTIA * it.roll_rate
         acting = damping - moment - side
         if not self.known:
-            b[balance.SIDE_FORCE].start(side, 0.0)
-            b[balance.SPRINGS].start(0.0, 0.0)
-            b[balance.DAMPERS].start(damping, 0.0)
-            b[balance.ACTUATORS].start(moment, 0.0)
-            b[balance.BODY].start(0.0, momentum)
-            b[balance.LATERAL].start(acting, momentum)
-            b[balance.STEADY].start(0.0, 0.0)
-            b[balance.DAMPERS].past = damping
-            b[balance.SPRINGS].uncertainty = 3.0 * ARM
+            b[rows.SIDE_FORCE].start(side, 0.0)
+            b[rows.SPRINGS].start(0.0, 0.0)
+            b[rows.DAMPERS].start(damping, 0.0)
+            b[rows.ACTUATORS].start(moment, 0.0)
+            b[rows.BODY].start(0.0, momentum)
+            b[rows.LATERAL].start(acting, momentum)
+            b[rows.STEADY].start(0.0, 0.0)
+            b[rows.DAMPER_STEPS].past = damping
+            b[rows.SPRINGS].uncertainty = 3.0 * ARM
         stretched = STRETCH * damping
         bumps = [abs(abs(strokes[2 * n]) - abs(strokes[2 * n + 1])) * ROUGH[n] for n in range(2)]
         fast = [max(abs(stroke) - KNEE, 0.0) for stroke in strokes]
         bumps += [(fast[2 * n] + fast[2 * n + 1]) * FAST[n] for n in range(2)]
-        changed = b[balance.DAMPERS].new(damping, 1.0)
-        b[balance.DAMPERS].uncertainty += (abs(changed) - b[balance.DAMPERS].uncertainty) / 1024.0
-        slowly = b[balance.LATERAL].residual(acting, momentum)
-        b[balance.LATERAL].spring += stretched
-        by_force = b[balance.STEADY].new(side, b[balance.STEADY].wash)
+        changed = b[rows.DAMPER_STEPS].new(damping, 1.0)
+        b[rows.DAMPERS].uncertainty += (abs(changed) - b[rows.DAMPERS].uncertainty) / 1024.0
+        slowly = b[rows.LATERAL].residual(acting, momentum)
+        b[rows.LATERAL].spring += stretched
+        by_force = b[rows.STEADY].new(side, b[rows.STEADY].wash)
         if self.judged:
             shown = slowly + by_force
             share = OF_SHOWN[0] if slowly * shown > 0.0 else OF_SHOWN[1]
             share += LIMIT_SHARES[1] if it.at_the_limit else 0.0
             by_moment = OF_SHOWN[2] * abs(moment)
-            b[balance.LATERAL].raise_threshold(share * abs(shown) + by_moment, FADING)
+            b[rows.LATERAL].raise_threshold(share * abs(shown) + by_moment, FADING)
             share = OF_FORCE[0] if slowly * by_force > 0.0 else OF_FORCE[1]
             wrong = share * abs(by_force) + OF_MOMENTS * abs(moment) + sum(bumps)
-            b[balance.STEADY].raise_threshold(wrong, FADING)
-        names = [balance.SIDE_FORCE, balance.SPRINGS, balance.DAMPERS, balance.ACTUATORS]
+            b[rows.STEADY].raise_threshold(wrong, FADING)
+        names = [rows.SIDE_FORCE, rows.SPRINGS, rows.DAMPERS, rows.ACTUATORS]
         inputs = [side, 0.0, damping, moment]
         parts = [b[name].residual(by, 0.0) for name, by in zip(names, inputs, strict=True)]
-        inertia = b[balance.BODY].residual(0.0, momentum)
-        b[balance.SPRINGS].spring += stretched
+        inertia = b[rows.BODY].residual(0.0, momentum)
+        b[rows.SPRINGS].spring += stretched
         wrong = float(np.abs([*parts, inertia]) @ SHARES) + sum(bumps)
         if it.at_the_limit:
             wrong += float(np.abs([inertia, parts[3]]) @ LIMIT_SHARES)
-        b[balance.BODY].raise_threshold(wrong, FADING)
-        b[balance.SPRINGS].raise_threshold(0.0, QUICK)
+        b[rows.BODY].raise_threshold(wrong, FADING)
+        b[rows.SPRINGS].raise_threshold(0.0, QUICK)
         left = inertia + parts[1] + parts[2] - parts[0] - parts[3]
-        calm = b[balance.BODY].uncertainty + abs(left) < CALM
+        calm = b[rows.BODY].uncertainty + abs(left) < CALM
         self.calm = self.calm + 1 if calm else 0
         if self.calm == CALM_TICKS and not self.judged:
             self.judged = True
-            b[balance.LATERAL].wash = b[balance.STEADY].wash = SLOW
+            b[rows.LATERAL].wash = b[rows.STEADY].wash = SLOW
 
     def axles(self, it: Sample) -> None:
-        of_axles, strokes = self.balances[balance.AXLES], it.strokes
+        of_axles, strokes = self.balances[rows.AXLES], it.strokes
         front = AXLES_STRETCH[0] * (strokes[0] - strokes[1])
         behind = AXLES_STRETCH[1] * (strokes[2] - strokes[3])
         stretched = front - behind
@@ -215,9 +217,9 @@ class Floats:
         acting += AT_CENTRES * it.lateral + rear - it.delivered[0]
         momentum = YAW * it.yaw_rate
         judged = {
-            balance.AXLES: (AXLES_SIDE * it.lateral, 1.0),
-            balance.ACTUATORS: (it.delivered[0], OF_AXLE),
-            balance.SIDE_FORCE: (rear, OF_AXLE),
+            rows.CENTRES: (AXLES_SIDE * it.lateral, 1.0),
+            rows.FRONT: (it.delivered[0], OF_AXLE),
+            rows.REAR: (rear, OF_AXLE),
         }
         if not self.known:
             of_axles.start(acting, momentum)
@@ -231,14 +233,13 @@ class Floats:
         of_axles.raise_threshold(wrong, OF_AXLES / 2.0)
 
     def heave(self, it: Sample) -> None:
-        of_springs, strokes = self.balances[balance.HEAVE], it.strokes
+        of_springs, strokes = self.balances[rows.HEAVE], it.strokes
         of_springs.residual(0.0, 0.0)
         moved = HEAVE_STRETCH[0] * (strokes[0] + strokes[1])
         moved += HEAVE_STRETCH[1] * (strokes[2] + strokes[3])
         of_springs.spring += moved
-        of_springs.uncertainty += (
-            abs(of_springs.new(moved, 1.0)) - of_springs.uncertainty
-        ) / 1024.0
+        step = abs(self.balances[rows.HEAVE_STEPS].new(moved, 1.0))
+        of_springs.uncertainty += (step - of_springs.uncertainty) / 1024.0
 
     def rolling(self, it: Sample) -> None:
         front = TRACK[0] * (it.strokes[0] - it.strokes[1])
@@ -273,19 +274,29 @@ def compared() -> list[tuple[np.ndarray, np.ndarray]]:
         rolling.watch_rolling(ecu, cal)
         response.watch_response(ecu, cal, 1)
         axles.watch_axles(ecu, cal)
-        heave.watch_heave(ecu, cal)
+        axles.watch_heave(ecu, cal)
         floats.rolling(it)
         floats.response(it)
         floats.axles(it)
         floats.heave(it)
         floats.known = True
-        balances = [getattr(ecu, f"balance_{part}") for part in PARTS]
-        rates = np.array([*ecu.rolling_rate, ecu.rolling_size]) / 2**fw.Q_RATE
+        rolled = np.array(ecu.passed)[[rows.ROLLING, rows.FRONT, rows.REAR]]
+        b = floats.balances
+        ours = [ecu.past[row] for row in WASHED]
+        momentum = {rows.LATERAL: rows.BODY, rows.AXLES: rows.YAW}
+        left = {row: ecu.passed[row] for row in FILTERS} | {rows.BODY: -ecu.passed[rows.BODY]}
+        left |= {row: left[row] - ecu.passed[by] for row, by in momentum.items()}
+        ours += [part for row in FILTERS for part in (-ecu.past[row], left[row])]
+        ours += [bound for row, bound in enumerate(ecu.bound) if row != rows.ROLLING]
+        theirs = [b[row].past for row in WASHED]
+        theirs += [part for row in FILTERS for part in (b[row].spring, b[row].slow)]
+        theirs += [b[row].uncertainty for row in range(10) if row != rows.ROLLING]
+        rates = np.array([*rolled, ecu.bound[rows.ROLLING]]) / 2**fw.Q_RATE
         states.append(
             (
-                np.concatenate([in_newton_metres(part) for part in balances]),
-                np.concatenate([[getattr(b, part) for b in floats.balances] for part in PARTS]),
-                np.array([*rates, ecu.rolling_moment / 2**fw.Q_MOMENT]),
+                in_newton_metres(ours),
+                np.array(theirs),
+                np.array([*rates, ecu.past[rows.ROLLING] / 2**fw.Q_MOMENT]),
                 np.array([*floats.rates, floats.size, floats.changing]),
             )
         )

@@ -8,7 +8,7 @@ import rig
 
 from firmware import calibration as fw
 from firmware.com.signals import RX_SIGNALS
-from firmware.monitors.erratic import watch_erratic
+from firmware.monitors.samples import watch_samples
 from firmware.plausibility import FAULT_SENSOR_ERRATIC
 from firmware.state import RX_IMU, RX_VEHICLE_MOTION, Ecu
 
@@ -50,7 +50,7 @@ class Sensor:
         if valid:
             setattr(ecu, self.name, round(value * self.most * 2**self.q))
         ecu.detected = 0
-        watch_erratic(ecu, self.cal, elapsed)
+        watch_samples(ecu, self.cal, elapsed)
         assert ecu.detected in (0, BIT)
         return ecu.detected == BIT
 
@@ -108,7 +108,7 @@ def test_missing_samples_and_values_start_anew(sensor, broken):
 def test_a_message_that_is_late_does_not_start_the_other_anew():
     imu = Sensor(0, watched())
     assert not any(imu.all([0.0] * 6))
-    imu.ecu.erratic_gap[1] = 200
+    imu.ecu.sample_gap[1] = 200
     assert any(imu.all([1.5] * 2))
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from firmware import calibration as fw
 from firmware.com.signals import RX_SIGNALS
-from firmware.monitors.balance import DAMPERS, mean_change
-from firmware.monitors.erratic import watch_erratic
 from firmware.monitors.redundancy import watch_redundancy
+from firmware.monitors.residual import DAMPER_STEPS, DAMPERS, MIRRORED, STEERED, mean_step
+from firmware.monitors.samples import watch_samples
 from firmware.observer import learn_offsets
 from firmware.state import RX_IMU, RX_VEHICLE_MOTION, Ecu
 from gain_gen.calibration.monitor_part import erratic_fields, monitor_fields
@@ -61,8 +61,8 @@ def time_constant(step, period: float) -> float:
     [
         ("motion_peak", 20.475),
         ("motion_now", 1.275),
-        ("steered_slow", 0.0749),
-        ("mirrored", 0.1549),
+        (STEERED, 0.0749),
+        (MIRRORED, 0.1549),
     ],
 )
 def test_motion_fades_and_mirror_images_average_in_the_same_time(name, expected, tick, imu, motion):
@@ -70,11 +70,12 @@ def test_motion_fades_and_mirror_images_average_in_the_same_time(name, expected,
     ecu = moving(cal)
     # the unit has turned away from the steering, by too little to turn back
     ecu.unit_away, cal.mirror_min, ecu.lateral_acceleration = 1, 0, 1
-    setattr(ecu, name, BIG)
+    of = ecu.passed if isinstance(name, int) else vars(ecu)
+    of[name] = BIG
 
     def step() -> float:
         watch_redundancy(ecu, cal)
-        return getattr(ecu, name) / BIG
+        return of[name] / BIG
 
     assert time_constant(step, max(tick, imu)) == pytest.approx(expected, rel=1e-3)
 
@@ -88,7 +89,7 @@ def test_an_erratic_signal_fades_in_the_same_time(k, expected, tick, imu, motion
     ecu.erratic_sum[k] = 1 << 18
 
     def step() -> float:
-        watch_erratic(ecu, cal, 1)
+        watch_samples(ecu, cal, 1)
         return ecu.erratic_sum[k] / (1 << 18)
 
     assert time_constant(step, max(tick, period)) == pytest.approx(expected, rel=1e-3)
@@ -98,10 +99,10 @@ def test_an_erratic_signal_fades_in_the_same_time(k, expected, tick, imu, motion
 def test_the_mean_of_changes_forgets_in_the_same_time(tick):
     cal = fill(response_fields(task_at(tick), DEFAULT))
     ecu = Ecu()
-    ecu.balance_uncertainty[DAMPERS] = BIG
+    ecu.bound[DAMPERS] = BIG
 
     def step() -> float:
-        return mean_change(ecu, cal, DAMPERS, 0) / BIG
+        return mean_step(ecu, cal, DAMPERS, DAMPER_STEPS, 0) / BIG
 
     assert time_constant(step, tick) == pytest.approx(10.24, rel=2e-3)
 
