@@ -12,6 +12,10 @@
 
 #include "canroll.h"
 
+/* Rows of residuals in the state. */
+enum { ROW_APART = 6, ROW_BIAS = 9, ROW_DELIVERY = 11, ROW_ECHO = 14 };
+enum { ROW_STEERED = 13, ROW_MIRRORED = 14 };
+
 enum { NO_SAMPLE = 16, ONE = 1 << 30, AGE_MAX = CANROLL_AGE_MAX };
 enum { STATE_MAX = (1 << 30) - 1, STATE_MIN = -(1 << 30) };
 

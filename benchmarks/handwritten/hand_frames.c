@@ -18,9 +18,9 @@ static void note_echo(canroll_ecu *ecu, const canroll_calibration *cal)
         const uint32_t newer = (behind < 0) ? 0u : (behind < SENT) ? (uint32_t)behind : SENT - 1u;
         const uint8_t sent = ecu->sent_time[(ecu->sent_last - newer) & (SENT - 1u)];
         if ((uint8_t)((uint32_t)ecu->time - sent) < cal->acknowledge_ticks - SPARE) {
-            ecu->late_echoes = 0;
-        } else if (ecu->late_echoes < LATE_ECHOES) {
-            ecu->late_echoes++;
+            ecu->evidence[ROW_ECHO] = 0;
+        } else if (ecu->evidence[ROW_ECHO] < LATE_ECHOES) {
+            ecu->evidence[ROW_ECHO]++;
         }
     }
 }

@@ -58,14 +58,14 @@ static void compare_lateral(canroll_ecu *ecu, const canroll_calibration *cal)
         const int32_t far = with_share(cal->redundancy_min, now, cal->redundancy_share);
         apart |= told > larger(turning, steered) + far || told < smaller(turning, steered) - far;
     }
-    if (in_a_row(&ecu->apart_samples, apart, cal->apart_samples)) {
-        ecu->lateral_contradicted = 1;
+    if (in_a_row(&ecu->evidence[ROW_APART], apart, cal->apart_samples)) {
+        ecu->contradicted |= 2;
     }
     /* a car that comes back from a slide: the sideslip that it would have had, times speed */
     if ((told > least && turning < -least) || (told < -least && turning > least)) {
         ecu->slide = bits_31(ecu->slide + ((smaller(size_of(turning - told), STATE_MAX) + 32) >> 6));
         if (ecu->slide > state_of((int64_t)ecu->speed * cal->slide_max, 20)) {
-            ecu->lateral_contradicted = 1;
+            ecu->contradicted |= 2;
         }
     } else {
         ecu->slide = 0;
@@ -78,7 +78,7 @@ static bool turned_away(canroll_ecu *ecu, int32_t told, int32_t turning, int32_t
     const bool left = told > least && turning > least, right = told < -least && turning < -least;
     const int32_t side = left - right;
     if (side != 0 && side != ecu->unit_side) {
-        ecu->unit_away = left ? ecu->steered_slow < 0 : ecu->steered_slow > 0;
+        ecu->unit_away = left ? ecu->passed[ROW_STEERED] < 0 : ecu->passed[ROW_STEERED] > 0;
         ecu->unit_side = side;
     } else if (size_of(told) <= least && size_of(turning) <= least) {
         ecu->unit_side = 0;
@@ -91,23 +91,23 @@ static void compare_mirror(canroll_ecu *ecu, const canroll_calibration *cal)
 {
     const int32_t told = ecu->lateral_acceleration;
     const int32_t turning = state_of((int64_t)ecu->speed * ecu->yaw_rate, 23);
-    const int32_t slow = bits_31(ecu->steered_slow
-        + product(ecu->steering_acceleration - ecu->steered_slow, cal->redundancy_pass[2], 30));
+    const int32_t slow = bits_31(ecu->passed[ROW_STEERED]
+        + product(ecu->steering_acceleration - ecu->passed[ROW_STEERED], cal->redundancy_pass[2], 30));
     int32_t near, far;
     int64_t nearer;
-    ecu->steered_slow = slow;
+    ecu->passed[ROW_STEERED] = slow;
     if (!turned_away(ecu, told, turning, cal->mirror_min)) {
-        ecu->mirrored = 0;
+        ecu->passed[ROW_MIRRORED] = 0;
         return;
     }
     near = smaller(
         smaller(size_of(turning - slow), STATE_MAX), smaller(size_of(told - slow), STATE_MAX));
     far = smaller(larger(size_of(turning + slow), size_of(told + slow)), STATE_MAX);
     nearer = (int64_t)near - far - ((far + 1) >> 1);
-    nearer = ((nearer < STATE_MIN) ? STATE_MIN : nearer) - ecu->mirrored;
-    ecu->mirrored += product((int32_t)nearer, cal->redundancy_pass[3], 30);
-    if (ecu->mirrored > cal->mirror_min && ecu->motion_peak < cal->mirror_limit) {
-        ecu->motion_contradicted = 1;
+    nearer = ((nearer < STATE_MIN) ? STATE_MIN : nearer) - ecu->passed[ROW_MIRRORED];
+    ecu->passed[ROW_MIRRORED] += product((int32_t)nearer, cal->redundancy_pass[3], 30);
+    if (ecu->passed[ROW_MIRRORED] > cal->mirror_min && ecu->motion_peak < cal->mirror_limit) {
+        ecu->contradicted |= 4;
     }
 }
 
@@ -116,9 +116,9 @@ void hand_watch_sensors(canroll_ecu *ecu, const canroll_calibration *cal)
     if (ecu->fresh[CANROLL_RX_IMU] == 0 || ecu->gain_factor == 0) {
         return;
     }
-    if (in_a_row(&ecu->bound_samples, size_of(ecu->x[CANROLL_GYRO_BIAS]) >= cal->bias_max,
+    if (in_a_row(&ecu->evidence[ROW_BIAS], size_of(ecu->x[CANROLL_GYRO_BIAS]) >= cal->bias_max,
             cal->bound_samples)) {
-        ecu->rate_contradicted = 1;
+        ecu->contradicted |= 1;
     }
     if (ecu->motion_lost == 0
         && (ecu->valid[CANROLL_RX_IMU] & LATERAL_AND_YAW) == LATERAL_AND_YAW) {
@@ -167,9 +167,9 @@ static void compare_moment(canroll_ecu *ecu, const canroll_calibration *cal, uin
     high = larger(high, ecu->band_high[axle + AXLES]);
     low = smaller(low, ecu->band_low[axle + AXLES]);
     edge = with_share(cal->delivery_min, larger(high, -low), cal->delivery_share);
-    if (in_a_row(&ecu->astray[axle], follows && (moment > high + edge || moment < low - edge),
+    if (in_a_row(&ecu->evidence[ROW_DELIVERY + axle], follows && (moment > high + edge || moment < low - edge),
             cal->delivery_samples)) {
-        ecu->contradicted[axle] = 1;
+        ecu->contradicted |= (uint8_t)(8 << axle);
     }
 }
 

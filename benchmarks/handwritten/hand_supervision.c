@@ -106,18 +106,18 @@ static uint32_t judge_imu(canroll_ecu *ecu, const canroll_calibration *cal, int3
         *found |= ROLL_RATE_BIT;
         unsafe = true;
     }
-    if (ecu->rate_contradicted) {
+    if ((ecu->contradicted & 1)) {
         *found |= ROLL_RATE_CONTRADICTED_BIT;
         unsafe = true;
     }
-    if (ecu->motion_contradicted) {
+    if ((ecu->contradicted & 4)) {
         *found |= MOTION_CONTRADICTED_BIT;
         unsafe = true;
     }
-    bad = ecu->lateral_contradicted || implausible_lateral(ecu, cal, elapsed);
+    bad = (ecu->contradicted & 2) || implausible_lateral(ecu, cal, elapsed);
     ecu->lateral_good = aged(ecu->lateral_good, elapsed);
     bad = lasting(&ecu->bad_ticks[BAD_LATERAL], bad, timeout, elapsed);
-    if (ecu->lateral_contradicted) {
+    if (ecu->contradicted & 2) {
         *found |= LATERAL_CONTRADICTED_BIT;
         bad = true;
     }
@@ -152,7 +152,7 @@ static uint32_t judge_motion(canroll_ecu *ecu, const canroll_calibration *cal, i
 
 static uint32_t judge_corners(canroll_ecu *ecu, uint32_t *found)
 {
-    const uint32_t contradicted = ecu->contradicted[0] | ecu->contradicted[1];
+    const uint32_t contradicted = ecu->contradicted >> 3;
     uint32_t failed = 0;
     if (((ecu->status[0] | ecu->status[1] | ecu->status[2] | ecu->status[3]) & 2) == 0
         && contradicted == 0) {
@@ -161,7 +161,7 @@ static uint32_t judge_corners(canroll_ecu *ecu, uint32_t *found)
     }
     for (uint32_t corner = 0; corner < 4; corner++) {
         const uint32_t status = ecu->status[corner];
-        ecu->failed[corner] = (uint8_t)(status >> 1 | ecu->contradicted[corner >> 1]);
+        ecu->failed[corner] = (uint8_t)(status >> 1 | (contradicted >> (corner >> 1) & 1));
         failed += ecu->failed[corner];
         *found |= (status == CORNER_STUCK) ? CORNER_STUCK_BIT : 0;
         *found |= (status == CORNER_FLOATING) ? CORNER_FLOATING_BIT : 0;
@@ -281,11 +281,9 @@ static uint32_t watch_own_identifiers(canroll_ecu *ecu, const canroll_calibratio
 /* Count the newest sample of the inertial unit against the ticks since the one before. */
 static void count_sample(canroll_ecu *ecu, const canroll_calibration *cal)
 {
-    const int32_t gap = ecu->clock_gap;
-    const int32_t step = (ecu->imu_sample - ecu->clock_sample) & 15;
+    const int32_t gap = ecu->sample_gap[0];
+    const int32_t step = (ecu->imu_sample - ecu->sample_count[0]) & 15;
     int32_t ahead;
-    ecu->clock_gap = 0;
-    ecu->clock_sample = ecu->imu_sample;
     if (gap <= cal->timeout_ticks[CANROLL_RX_IMU]) {
         ahead = step * cal->clock_period - gap * cal->tick_us;
         if (ahead <= cal->clock_limit && ahead >= -cal->clock_limit) {
@@ -307,7 +305,8 @@ static void count_sample(canroll_ecu *ecu, const canroll_calibration *cal)
 
 static uint32_t watch_clock(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
 {
-    ecu->clock_gap = aged(ecu->clock_gap, elapsed);
+    ecu->sample_gap[0] = aged(ecu->sample_gap[0], elapsed);
+    ecu->sample_gap[1] = aged(ecu->sample_gap[1], elapsed);
     if (ecu->fresh[CANROLL_RX_IMU] != 0) {
         count_sample(ecu, cal);
     }
@@ -337,22 +336,17 @@ static uint32_t judge_bend(canroll_ecu *ecu, const canroll_calibration *cal, int
 /* Whether the newest sample of a message follows the one before. */
 static bool joins(canroll_ecu *ecu, const canroll_calibration *cal, int group, int32_t sample)
 {
-    const bool next = ecu->erratic_gap[group] <= cal->erratic_gap[group]
-                      && ((sample - ecu->erratic_sample[group]) & 15) == cal->erratic_samples[group];
-    ecu->erratic_gap[group] = 0;
-    ecu->erratic_sample[group] = (uint8_t)sample;
+    const bool next = ecu->sample_gap[group] <= cal->erratic_gap[group]
+                      && ((sample - ecu->sample_count[group]) & 15) == cal->erratic_samples[group];
+    ecu->sample_gap[group] = 0;
+    ecu->sample_count[group] = (uint8_t)sample;
     return next;
 }
 
-static uint32_t watch_bends(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
+static uint32_t watch_bends(canroll_ecu *ecu, const canroll_calibration *cal)
 {
     uint32_t erratic = 0, valid;
     bool joined;
-    int group;
-    for (group = 0; group < 2; group++) {
-        const int32_t gap = ecu->erratic_gap[group] + elapsed;
-        ecu->erratic_gap[group] = (uint8_t)((gap > 255) ? 255 : gap);
-    }
     if (ecu->fresh[CANROLL_RX_IMU] != 0) {
         valid = ecu->valid[CANROLL_RX_IMU];
         joined = joins(ecu, cal, 0, ecu->imu_sample);
@@ -418,11 +412,11 @@ void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t el
 {
     uint32_t found = ((elapsed > 1) ? TICK_MISSED_BIT : 0)
         | ((uint32_t)ecu->envelope_acted << ENVELOPE_CODE)
-        | ((ecu->late_echoes == LATE_ECHOES) ? COMMAND_LATE_BIT : 0);
+        | ((ecu->evidence[ROW_ECHO] == LATE_ECHOES) ? COMMAND_LATE_BIT : 0);
     uint32_t severity, motion, actuators;
     found |= watch_own_identifiers(ecu, cal, elapsed);
     found |= watch_clock(ecu, cal, elapsed);
-    found |= watch_bends(ecu, cal, elapsed);
+    found |= watch_bends(ecu, cal);
     found |= watch_speed(ecu, cal, elapsed);
     hand_watch_sensors(ecu, cal);
     severity = judge_imu(ecu, cal, elapsed, &found);

@@ -64,7 +64,7 @@ def low_pass(ecu: Ecu, row: i32, value: i32, weight: i32) -> i32:
 
 def peak_hold(last: i32, value: i32, fading: i32) -> i32:
     """Return ``value``, or ``last`` where that is more, faded by ``fading`` of 2^30."""
-    return clamp(value, last - product(last, fading, 30), STATE_MAX)
+    return clamp(value, last - rsh(last * fading, 30), STATE_MAX)
 
 
 def high_pass(ecu: Ecu, row: i32, value: i32, wash: i32) -> i32:
@@ -144,9 +144,10 @@ def beyond(size: i32, bound: i32) -> i32:
 
 def judge(ecu: Ecu, row: i32, bad: i32, time: i32) -> i32:
     """Count what is ``bad`` without a break; after ``time`` accuse by the row and return 1."""
-    count: i32 = 0
-    if bad != 0:
-        count = clamp(ecu.evidence[row] + bad, 0, time)
+    if bad == 0:
+        ecu.evidence[row] = 0
+        return 0
+    count: i32 = clamp(ecu.evidence[row] + bad, 0, time)
     ecu.evidence[row] = count
     if count != time:
         return 0
