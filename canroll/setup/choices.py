@@ -336,7 +336,7 @@ class Choices(TypedDict, total=False):
             "--fault",
             "what fails: a sensor's signal (Imu.RollRate=stuck@3:5) or message, an actuator "
             "(front_left=weak:0.3@2), a node, the bus or an attacker, from START to END (s), "
-            "fully after RAMP; 'A + B': together; see docs/faults.md; may be repeated",
+            "fully after RAMP; 'A + B': together; see docs/campaign.md; may be repeated",
             WORLD,
         ),
     ]

@@ -1,6 +1,6 @@
 """What can fail, and how: the one table of the fault language.
 
-Parser, files, refusals, help and docs/faults.md are made from it.
+Parser, files, refusals, help and docs/campaign.md are made from it.
 """
 
 import math
