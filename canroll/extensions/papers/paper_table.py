@@ -213,12 +213,12 @@ class PaperSection:
         return PageTable(self.title, [_shown(name) for name in head], rows, self.note)
 
     def markdown(self) -> list[str]:
-        """Return the section as lines of Markdown."""
+        """Return the section without its note as lines of Markdown."""
         table = self.table(0)
         lines = [f"### {self.title}", "", f"| {' | '.join(table.head)} |"]
         lines += [f"|{' --- |' * len(table.head)}"]
         lines += [f"| {' | '.join(map(_in_markdown, row))} |" for row in table.rows]
-        return [*lines, "", *([self.note, ""] if self.note else [])]
+        return [*lines, ""]
 
 
 def finite(value: float) -> float | None:

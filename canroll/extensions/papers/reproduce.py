@@ -156,12 +156,13 @@ def legend() -> str:
 
 
 def to_markdown(parts: Sequence[Reproduction]) -> str:
-    """Return the tables as Markdown, one section a paper."""
+    """Return verdicts, errata and unknowns as Markdown, one section a paper."""
     overview = ("paper", "numbers", *VERDICTS, "reproduced or same ordering on our plant and bus")
     lines = [
         "# The papers' tables, recomputed",
         "",
-        f"**{summary(parts)}** Written by `canroll reproduce`.",
+        f"**{summary(parts)}** Written by `canroll reproduce`, whose reproduction.html has the "
+        "steps between the two columns, the gains and the plots too.",
         "",
         f"| {' | '.join(overview)} |",
         f"| --- |{' ---: |' * (len(overview) - 1)}",
@@ -173,24 +174,16 @@ def to_markdown(parts: Sequence[Reproduction]) -> str:
     for part in parts:
         lines += [f"## {part.paper.title}", "", f"{_sentence(part.counts)}", ""]
         lines += [*(f"- {answer}" for answer in part.answers), ""]
-        for section in part.recomputed.proofs:
-            lines += section.markdown()
-        lines += ["### Every number", ""]
-        head = (
-            *("table", "row", "quantity", "printed", "paper's conditions", "verdict", "why"),
-            *("ours", "largest step to ours"),
-        )
-        lines += [f"| {' | '.join(head)} |"]
-        lines += ["| --- | --- | --- | ---: | ---: | --- | --- | ---: | --- |"]
+        errata, unknowns, *_ = part.recomputed.proofs
+        lines += [*errata.markdown(), *unknowns.markdown(), "### Every number", ""]
+        lines += ["| row | quantity | printed | paper's conditions | verdict | why | ours |"]
+        lines += ["| --- | --- | ---: | ---: | --- | --- | ---: |"]
         lines += [
-            f"| {row.table} | {row.row} | {spelt(row.quantity)} | {row.printed:g} "
-            f"| {shown(row.recomputed)} | {row.verdict} | {row.reason} | {shown(row.ours)} "
-            f"| {towards_ours(row)} |"
+            f"| {row.table}: {row.row} | {spelt(row.quantity)} | {row.printed:g} "
+            f"| {shown(row.recomputed)} | {row.verdict} | {row.reason} | {shown(row.ours)} |"
             for row in part.rows
         ]
         lines.append("")
-        for section in part.recomputed.sections:
-            lines += section.markdown()
     return "\n".join(lines)
 
 
