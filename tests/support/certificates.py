@@ -1,32 +1,36 @@
 """Certificates of tests: how they are read, changed and refused, and a small condition."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import vehicles
 from canroll.extensions.certify import checker
 from canroll.extensions.certify.claim import texts
 from canroll.extensions.certify.subject import INTEGERS, READINGS
 from gain_gen.analysis.actuated_car import actuated, roll_car
+from gain_gen.calibration.calibration_file import LoadedCalibration
 
 TICK, DELAY = Fraction(1, 100), (Fraction(4, 1000), Fraction(8, 1000))
 RESOLUTION = ["6000", "21000", "9000", "16000", "16000"]
 
 
-def integers_of(calibration):
+def integers_of(calibration: LoadedCalibration) -> dict[str, Any]:
     """Return the integers of a calibration that the checker reads."""
     return {name: getattr(calibration.record, name) for name in INTEGERS}
 
 
-def signed(content):
+def signed(content: dict[str, Any]) -> dict[str, Any]:
     """Return the contents with the digest that belongs to them."""
     content["sha256"] = checker.digest(content)
     return content
 
 
-def refusal(content, integers):
+def refusal(content: dict[str, Any], integers: dict[str, Any]) -> str:
     """Return why the checker refuses, or "" where it accepts."""
     try:
         list(checker.check(content, integers))
@@ -35,18 +39,19 @@ def refusal(content, integers):
     return ""
 
 
-def at(content, path):
+def at(content: Any, path: Iterable[Any]) -> Any:
     """Return the entry at a path."""
     for key in path:
         content = content[key]
     return content
 
 
-def floats(rows):
+def floats(rows: Iterable[Iterable[str]]) -> NDArray[np.float64]:
+    """Return numbers that are texts of fractions."""
     return np.array([[float(Fraction(text)) for text in row] for row in rows])
 
 
-def roll_model(kmh=80, damping=1.0):
+def roll_model(kmh: float = 80, damping: float = 1.0) -> dict[str, Any]:
     """The roll model with actuator and sensors as a condition, with a factor on its damping."""
     vehicle = vehicles.load("van_real")
     model = replace(vehicle.design, roll_damping=damping * vehicle.design.roll_damping)

@@ -54,7 +54,7 @@ def faults(parser: Parser) -> None:
     of_attacks = {f"catalogue={ATTACKS}": "--catalogue attacks lists every attack"}
     parser.take(
         "Drive a manoeuvre with each fault of a catalogue, single and double, and judge what was "
-        "detected, when, and with what harm. Exit code 1 if anything harmful goes undetected. "
+        "detected, when, and with what harm. Exit code 1 where unexcused harm goes undetected. "
         "With --catalogue attacks: with an attacker on the bus, who sends spoofed, replayed, "
         "damaged and foreign frames, floods, and resets of nodes; on 500k and on secured_fd, or on "
         "--bus. Exit code 1 if a forged frame is accepted on a bus with authenticated frames.",
