@@ -145,9 +145,10 @@ def comparison_page(named: Sequence[Named]) -> str:
         if run.result.controlled is not None
     ]
     cones = cones_of(settings.scenario, settings.vehicle)
+    count = "1 run" if len(named) == 1 else f"{len(named)} runs"
     return render(
         Page(
-            title=f"{len(named)} runs of a {settings.scenario.replace('_', ' ')}",
+            title=f"{count} of a {settings.scenario.replace('_', ' ')}",
             subtitle=f"{settings.vehicle_name} at {settings.speed * 3.6:.0f} km/h",
             verdict=best(named),
             warnings=[f"{n.name}: {text}" for n in named for text in n.result.warnings]
