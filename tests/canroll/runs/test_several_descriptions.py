@@ -10,7 +10,6 @@ from support import split_bus
 from canroll.cli.main import main
 from canroll.cli.run import about
 from canroll.errors import CanrollError
-from canroll.extensions.campaign import campaign_file
 from canroll.report.run_folder import write_files
 from canroll.report.signal_files import write_signals
 from canroll.runs import experiment, saved_run
@@ -96,19 +95,6 @@ def test_another_bit_rate_is_told_with_its_file(both, tmp_path):
     files[1].write_text(text + "\n" + rate, encoding="utf-8")
     warnings = check_frames(load_profile("500k", files, split_bus.MAP), both.record)
     assert f"{files[1]}: its Baudrate is 250000 bit/s, that of bus 500k 500000" in warnings
-
-
-def test_a_campaign_file_lists_them_and_reads_them_all(files, tmp_path):
-    path = tmp_path / "campaign.toml"
-    listed = json.dumps(list(map(str, files)))
-    text = 'schema = 1\nscenario = "roundabout"\nruns = 4\n[run]\nactuator = "suspension"\n'
-    path.write_text(text + f'map = "{split_bus.MAP}"\ndbc = {listed}\n', encoding="utf-8")
-    plan = campaign_file.load(path, {}, runs=None, seed=None).plan()
-    assert plan.settings.profile.dbc == files
-    assert {"car.dbc", "actuators.dbc"} <= {name for name, _ in plan.description["files"]}
-    path.write_text(text + f'map = "{split_bus.MAP}"\ndbc = [3]\n', encoding="utf-8")
-    with pytest.raises(CanrollError, match=r"dbc=\[3\]: must be a path, a list of texts or paths"):
-        campaign_file.load(path, {}, runs=None, seed=None)
 
 
 @pytest.mark.parametrize(

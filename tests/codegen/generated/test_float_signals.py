@@ -15,7 +15,6 @@ from support.bundles import compared, export, make
 from support.replays import compare
 
 from canroll.errors import CanrollError
-from canroll.extensions.exchange.fmu import ecu_signals
 from codegen.export import bundle
 from codegen.generated import bus_map
 from codegen.proof.prove import prove
@@ -146,8 +145,3 @@ def test_codes_for_not_available_are_refused(tmp_path):
     dbc.write_text(f'{dbc.read_text()}VAL_ 258 GY_YawRate 0 "SNA";\n')
     with pytest.raises(CanrollError, match=r"GY_YawRate .* can have no code for not available"):
         bus_map.load(dbc, map_file)
-
-
-def test_an_fmu_with_plain_signals_is_refused_in_a_line(firmware):
-    with pytest.raises(CanrollError, match=r"GYRO_01.GY_\w+ .* floating-point .* --ports can"):
-        ecu_signals.of_bus(firmware.bus, calibration())

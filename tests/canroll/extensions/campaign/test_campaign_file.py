@@ -1,14 +1,19 @@
 """Campaign files: every key is checked, and what is drawn follows the distributions."""
 
+import json
+
 import numpy as np
 import pytest
 from scipy.stats import kstest, lognorm, norm, spearmanr, truncnorm
+from support import split_bus
 
+import vehicles
 from canroll.cli.main import main
 from canroll.errors import CanrollError
-from canroll.extensions.campaign import distributions
-from canroll.extensions.campaign.campaign_file import load
+from canroll.extensions.campaign import distributions, quantities
+from canroll.extensions.campaign.campaign_file import load, of_options
 from canroll.extensions.campaign.space import Correlation, Sampling, Space
+from plant_sim.bodies.parameters import build_parameters
 
 WHOLE = """
 schema = 1
@@ -177,3 +182,28 @@ def test_correlations_that_contradict_each_other_are_refused(tmp_path):
         text += f'[[correlation]]\nof = ["{names[first]}", "{names[second]}"]\nrank = {rank}\n'
     with pytest.raises(CanrollError, match="contradict each other"):
         load(written(tmp_path, text), {}, runs=None, seed=None).plan()
+
+
+def test_several_descriptions_are_listed_and_all_read(tmp_path):
+    files = split_bus.write(tmp_path)
+    path = tmp_path / "campaign.toml"
+    listed = json.dumps(list(map(str, files)))
+    text = 'schema = 1\nscenario = "roundabout"\nruns = 4\n[run]\nactuator = "suspension"\n'
+    path.write_text(text + f'map = "{split_bus.MAP}"\ndbc = {listed}\n', encoding="utf-8")
+    plan = load(path, {}, runs=None, seed=None).plan()
+    assert plan.settings.profile.dbc == files
+    assert {"car.dbc", "actuators.dbc"} <= {name for name, _ in plan.description["files"]}
+    path.write_text(text + f'map = "{split_bus.MAP}"\ndbc = [3]\n', encoding="utf-8")
+    with pytest.raises(CanrollError, match=r"dbc=\[3\]: must be a path, a list of texts or paths"):
+        load(path, {}, runs=None, seed=None)
+
+
+@pytest.mark.parametrize("name", ["suv_2020", "van_real", "sedan_320i"])
+def test_a_softer_car_of_a_population_can_be_driven(name):
+    campaign = of_options(
+        "double_lane_change", {"vehicle": name}, runs=1, seed=0, spread={}, buses=[], faults=[]
+    )
+    nominal = campaign.plan().settings
+    softer = quantities.drawn(nominal, {"vehicle.roll_stiffness": 0.75}, seed=1).vehicle
+    build_parameters(softer)
+    assert softer.plant.roll_stiffness == 0.75 * vehicles.load(name).plant.roll_stiffness

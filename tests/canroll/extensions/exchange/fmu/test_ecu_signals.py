@@ -3,14 +3,17 @@
 import cantools
 import numpy as np
 import pytest
+from support import float_bus
 from support.fmus import importer
 
 import dbc
-from canroll.extensions.exchange.fmu import ecu
+from canroll.errors import CanrollError
+from canroll.extensions.exchange.fmu import ecu, ecu_signals
 from canroll.runs.experiment import plan
 from codegen.generated.bus_map import BusMap
 from codegen.run.backends import NativeEcu
-from codegen.run.bus_firmware import built_in
+from codegen.run.bus_firmware import built_in, of_bus
+from codegen.run.ecu_traffic import random_calibration
 from codegen.run.memory_image import sealed
 
 pytestmark = pytest.mark.slow
@@ -83,3 +86,9 @@ def _without_protection(calibration):
         setattr(copy, name, value)
     copy.e2e = 0
     return copy
+
+
+def test_floating_point_numbers_are_refused_in_a_line(tmp_path):
+    bus = of_bus(*float_bus.write(tmp_path)).bus
+    with pytest.raises(CanrollError, match=r"GYRO_01.GY_\w+ .* floating-point .* --ports can"):
+        ecu_signals.of_bus(bus, sealed(random_calibration(3)))
