@@ -215,6 +215,7 @@ def watch_lateral(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
         ecu.acceleration_good = ecu.lateral_acceleration
         ecu.acceleration_ticks = 0
     contradicted: i32 = (ecu.contradicted >> 1) & 1
+    ecu.detected = ecu.detected | (contradicted << FAULT_LATERAL_CONTRADICTED)
     bad = bad | contradicted
     bad = lasting(ecu, BAD_ACCELERATION, cal.timeout_ticks[RX_IMU], bad, elapsed) | contradicted
     ecu.detected = ecu.detected | (bad << FAULT_ACCELERATION)
@@ -248,8 +249,11 @@ def watch_imu(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
     bad = bad & needed
     bad = lasting(ecu, BAD_ROLL_RATE, cal.timeout_ticks[RX_IMU], bad, elapsed)
     ecu.detected = ecu.detected | (bad << FAULT_ROLL_RATE)
-    ecu.detected = ecu.detected | ((ecu.contradicted & 7) << FAULT_ROLL_RATE_CONTRADICTED)
-    bad = bad | ((ecu.contradicted | (ecu.contradicted >> 2)) & 1)
+    rate: i32 = ecu.contradicted & 1
+    motion: i32 = (ecu.contradicted >> 2) & 1
+    ecu.detected = ecu.detected | (rate << FAULT_ROLL_RATE_CONTRADICTED)
+    ecu.detected = ecu.detected | (motion << FAULT_MOTION_CONTRADICTED)
+    bad = bad | rate | motion
     severity: i32 = watch_lateral(ecu, cal, elapsed)
     if cal.observer == BYPASS:
         return GOOD
