@@ -52,10 +52,9 @@ def frozen(ecu: Ecu, cal: Calibration, lateral: i32, turning: i32) -> i32:
     return 0
 
 
-def watch_lateral_acceleration(ecu: Ecu, cal: Calibration) -> None:
+def watch_lateral_acceleration(ecu: Ecu, cal: Calibration, turning: i32) -> None:
     """Judge a sample of the lateral acceleration by yaw rate, speed and steering angle."""
     lateral: i32 = ecu.lateral_acceleration
-    turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
     steered: i32 = ecu.steering_acceleration
     motion: i32 = clamp(magnitude(turning), magnitude(steered), STATE_MAX)
     ecu.motion_peak = peak_hold(ecu.motion_peak, motion, cal.redundancy_pass[TRUST])
@@ -87,10 +86,9 @@ def watch_side(ecu: Ecu, cal: Calibration, lateral: i32, turning: i32, steered: 
         ecu.unit_side = 0
 
 
-def watch_mirror_image(ecu: Ecu, cal: Calibration) -> None:
+def watch_mirror_image(ecu: Ecu, cal: Calibration, turning: i32) -> None:
     """Judge whether lateral acceleration and yaw rate are what steering gives, or its negative."""
     lateral: i32 = ecu.lateral_acceleration
-    turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
     slow: i32 = low_pass(ecu, STEERED, ecu.steering_acceleration, cal.redundancy_pass[FOLLOWING])
     watch_side(ecu, cal, lateral, turning, slow)
     if ecu.unit_away == 0:
@@ -115,5 +113,6 @@ def watch_redundancy(ecu: Ecu, cal: Calibration) -> None:
         bound = 1
     judge(ecu, BIAS, bound, cal.bound_samples)
     if ecu.motion_lost == 0 and (ecu.valid[RX_IMU] & LATERAL_AND_YAW) == LATERAL_AND_YAW:
-        watch_lateral_acceleration(ecu, cal)
-        watch_mirror_image(ecu, cal)
+        turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
+        watch_lateral_acceleration(ecu, cal, turning)
+        watch_mirror_image(ecu, cal, turning)

@@ -57,7 +57,7 @@ ACCUSES: tuple[u8, ...] = (24, 2, 24, 24, 24, 1, 2, 2, 4, 1, 1, 8, 16, 0, 0, 0)
 def low_pass(ecu: Ecu, row: i32, value: i32, weight: i32) -> i32:
     """Return ``value`` low-passed: it follows by ``weight``, of 2^30."""
     passed: i32 = ecu.passed[row]
-    passed = sat31(passed + rsh((value - passed) * weight, 30))
+    passed = sat31(passed + product(value - passed, weight, 30))
     ecu.passed[row] = passed
     return passed
 
@@ -70,7 +70,7 @@ def peak_hold(last: i32, value: i32, fading: i32) -> i32:
 def high_pass(ecu: Ecu, row: i32, value: i32, wash: i32) -> i32:
     """Return what is new in ``value``: washed out by ``wash``, of 2^30."""
     new: i32 = sat31(value - ecu.past[row])
-    ecu.past[row] = sat31(ecu.past[row] + rsh(new * wash, 30))
+    ecu.past[row] = sat31(ecu.past[row] + product(new, wash, 30))
     return new
 
 

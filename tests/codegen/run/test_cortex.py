@@ -89,7 +89,7 @@ def test_no_heap_no_float_no_memory_of_its_own(cpu):
 
 # QEMU's counts for a double lane change, with a little room: mean instructions a tick
 TICKS = {
-    "constant gain": (recorded_traffic.Case("double_lane_change", "lqr"), 6770),
+    "constant gain": (recorded_traffic.Case("double_lane_change", "lqr"), 7200),
     "without the response monitor": (
         recorded_traffic.Case("double_lane_change", "lqr", response_watch=False),
         3980,
@@ -98,7 +98,7 @@ TICKS = {
         recorded_traffic.Case(
             "double_lane_change", "lqr", observer="propagated", identification=True
         ),
-        11_960,
+        12_380,
     ),
 }
 CODE, TABLES, STATE, STACK = 19_800, 1190, 1500, 256
@@ -111,7 +111,7 @@ def test_one_build_keeps_to_the_budgets_of_time_and_of_memory(name):
     recording = recorded_traffic.record(case, 5.0)
     run = qemu.replay(recording.calibration, recording.traffic, "cortex-m4")
     assert run.instructions.mean() <= instructions
-    assert run.instructions.max() <= 12_700
+    assert run.instructions.max() <= 13_100
     assert run.stack <= STACK
     size = footprint(cortex.gcc_image("cortex-m4"))
     assert size.text <= CODE
