@@ -7,8 +7,8 @@ from canroll.cli.options import (
     DEFAULT_SCENARIO,
     JSON,
     OF_A_RUN,
-    RARE,
     RARE_OF_A_DESIGN,
+    RARE_OF_A_RUN,
     choices,
     key_value,
     path_named,
@@ -75,7 +75,7 @@ def timing(parser: Parser) -> None:
     """Instructions, stack and sizes on the target; budget verdict."""
     parser.take(
         "",
-        choices([name for name in OF_A_RUN if name != "backend"], of_file=RARE),
+        choices([name for name in OF_A_RUN if name != "backend"], of_file=RARE_OF_A_RUN),
         opt("--scenario", scenario, None, "manoeuvre to replay", DEFAULT_SCENARIO),
         opt("--duration", float, None, "duration in s (default: 5)", 5.0),
         opt("--processor", PROCESSORS, None, "default: %(default)s", "cortex-m4", **ON_TARGET),

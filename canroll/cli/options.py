@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import vehicles
-from canroll.cli.parser import Option, Parser, Relations, flag, opt, repeated
+from canroll.cli.parser import FROZEN, RARE, Option, Parser, Relations, flag, opt, repeated
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.setup.choice import Choice, one_or_several, several
 from canroll.setup.choices import CHOICES, chosen
@@ -23,8 +23,8 @@ PACES = ("realtime", "lockstep")
 METAVARS = {"km/h": "KMH", "ms": "MS", "s": "S"}
 PATTERNS = {"faults": "WHERE=KIND[:VALUE][@START[:END[:RAMP]]]"}
 NODES = ("faults", "fault_file", "conditions")
-RARE = tuple(name for name, choice in CHOICES.items() if choice.rare)
-RARE_OF_A_DESIGN = tuple(name for name in RARE if CHOICES[name].frozen_in_calibration)
+RARE_OF_A_RUN = tuple(name for name in CHOICES if name in RARE)
+RARE_OF_A_DESIGN = tuple(name for name in RARE_OF_A_RUN if name in FROZEN)
 OF_A_RUN = tuple(name for name in CHOICES if name != "duration")
 """Choices of vehicle, controller and bus."""
 

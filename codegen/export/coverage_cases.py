@@ -158,7 +158,7 @@ def _zeroed(frames: Frames, bus: BusMap, name: str) -> Frames:
     """The frames with a signal of theirs zero."""
     frames = frames.copy()
     for message, box in enumerate(bus.received):
-        pieces = [piece for its in box.signals if its.place.text == name for piece in its.pieces]
+        pieces = [part for at in box.signals if at.place.text == name for part in at.pieces]
         for number in np.flatnonzero(frames["message"] == message) if pieces else ():
             payload = frames["payload"][number].tolist()
             for piece in pieces:

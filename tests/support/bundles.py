@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 from codegen.export import bundle
 from codegen.export.header import gains_header
@@ -11,15 +12,19 @@ from codegen.run import ecu_traffic
 from firmware.calibration import Calibration
 
 
-def export(record: Calibration | None = None, **options: object) -> bundle.Export:
+def export(record: Calibration | None = None, **options: Any) -> bundle.Export:
     """A random calibration on the built-in frames, with random vectors, or what options say."""
     record = record or ecu_traffic.random_calibration(3)
-    made = {"dbc": signals.DBC, "map_file": signals.MAP, "title": "A sample."} | options
+    made: dict[str, Any] = {
+        "dbc": signals.DBC,
+        "map_file": signals.MAP,
+        "title": "A sample.",
+    } | options
     if "traffic" not in made:
-        bus = bus_map.load(made["dbc"], made["map_file"])  # type: ignore[arg-type]
+        bus = bus_map.load(made["dbc"], made["map_file"])
         made["traffic"] = ecu_traffic.random_traffic(2, 60, bus=bus)
     gains = gains_header(record, title=["sample"])
-    return bundle.Export(record=record, gains=gains, origin="Random vectors.", **made)  # type: ignore[arg-type]
+    return bundle.Export(record=record, gains=gains, origin="Random vectors.", **made)
 
 
 def make(folder: Path, *goals: str) -> "subprocess.CompletedProcess[str]":

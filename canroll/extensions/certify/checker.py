@@ -5,7 +5,7 @@ integers of the calibration and the bounds of delay and rounding it builds the s
 checks each claim's matrix inequality. What a claim is about follows from its name alone, and which
 claims each condition must have is stated once more. Car, delays and resolutions are the
 certificate's own: they are printed, and canroll certify --check compares them. The derivation is in
-docs/certificate.md, what is assumed in docs/commands.md (canroll certify).
+docs/certificate.md, what is assumed in docs/trust.md.
 """
 
 # ruff: noqa: ANN401, B905, RUF005 - the numbers are those of flint; it is short to be read

@@ -209,5 +209,5 @@ def _measured() -> list[Variable]:
         member, unit = f"plant.sensors.channel[{index}].last", codec_tables.unit(*name.split("."))
         si = unit_name(SI.get(unit, unit))
         variables.append(Variable(name, FLOAT64, OUTPUT, member, "as sampled last", si))
-    reported = (_recorded(f"ActuatorState.{name}", its) for name, its in REPORTED.items())
+    reported = (_recorded(f"ActuatorState.{name}", signal) for name, signal in REPORTED.items())
     return [*variables, *reported]

@@ -174,8 +174,10 @@ def to_markdown(parts: Sequence[Reproduction]) -> str:
     for part in parts:
         lines += [f"## {part.paper.title}", "", f"{_sentence(part.counts)}", ""]
         lines += [*(f"- {answer}" for answer in part.answers), ""]
-        errata, unknowns, *_ = part.recomputed.proofs
-        lines += [*errata.markdown(), *unknowns.markdown(), "### Every number", ""]
+        for section in part.recomputed.proofs:
+            if section.key in ("errata", "unknowns"):
+                lines += section.markdown()
+        lines += ["### Every number", ""]
         lines += ["| row | quantity | printed | paper's conditions | verdict | why | ours |"]
         lines += ["| --- | --- | ---: | ---: | --- | --- | ---: |"]
         lines += [

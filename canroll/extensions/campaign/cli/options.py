@@ -5,7 +5,7 @@ from canroll.cli.options import (
     NUMBERS,
     OF_A_RUN,
     ONE_CASE,
-    RARE,
+    RARE_OF_A_RUN,
     SPREAD,
     answer,
     choices,
@@ -65,7 +65,7 @@ def faults(parser: Parser) -> None:
         opt("--attack", str, "TEXT", "only attacks whose name contains TEXT", "",
             needs=(f"catalogue={ATTACKS}",)),
         choices([name for name in OF_A_RUN if name not in ("faults", "fault_file")],
-                of_file=RARE),
+                of_file=RARE_OF_A_RUN),
         execution("fault or attack"),
         *NUMBERS,
     )  # fmt: skip

@@ -88,7 +88,7 @@ def read(path: Path) -> PlantMap:
         replace(_wire(value, f"{path}: outputs.{name}"), quantity=name)
         for name, value in _table(table, "outputs", path).items()
     ]
-    documents.refuse_unknown([its.quantity for its in outputs], OUTPUTS, f"output in {path}")
+    documents.refuse_unknown([wire.quantity for wire in outputs], OUTPUTS, f"output in {path}")
     missing = sorted(set(REQUIRED) - {wire.quantity for wire in outputs})
     if missing:
         raise CanrollError(

@@ -115,22 +115,23 @@ def write(
 
 
 def _parameters(record: Calibration) -> Iterator[Variable]:
-    for its in fields(Calibration):
-        if its.name not in FIXED:
-            start = tuple(np.ravel(np.array(getattr(record, its.name))).tolist())
-            variable = _of_field("calibration", its, PARAMETER)
-            yield replace(variable, start=start, low=its.f.lo, high=its.f.hi)
+    for field in fields(Calibration):
+        if field.name not in FIXED:
+            start = tuple(np.ravel(np.array(getattr(record, field.name))).tolist())
+            variable = _of_field("calibration", field, PARAMETER)
+            yield replace(variable, start=start, low=field.f.lo, high=field.f.hi)
 
 
 def _states(firmware: BusFirmware) -> Iterator[Variable]:
-    for its in fields(firmware.record):
-        yield _of_field("ecu", its, LOCAL)
+    for field in fields(firmware.record):
+        yield _of_field("ecu", field, LOCAL)
 
 
-def _of_field(record: str, its: Field, causality: str) -> Variable:
-    name, kind = f"{record}.{its.name}", UINT8 if its.kind == "u8" else INT32
-    parts = [its.f.unit, f"Q{its.f.q}" if its.f.q else "", its.f.meaning]
-    return Variable(name, kind, causality, name, ", ".join(filter(None, parts)), shape=its.shape)
+def _of_field(record: str, field: Field, causality: str) -> Variable:
+    name, kind = f"{record}.{field.name}", UINT8 if field.kind == "u8" else INT32
+    parts = [field.f.unit, f"Q{field.f.q}" if field.f.q else "", field.f.meaning]
+    meaning = ", ".join(filter(None, parts))
+    return Variable(name, kind, causality, name, meaning, shape=field.shape)
 
 
 def _shown(firmware: BusFirmware) -> Iterator[Variable]:

@@ -103,10 +103,10 @@ class Interface:
     everything: tuple[Variable, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        found = [Variable("time", FLOAT64, INDEPENDENT, unit="s"), *self.variables]
+        variables = [Variable("time", FLOAT64, INDEPENDENT, unit="s"), *self.variables]
         for number, terminal in enumerate(self.terminals):
-            found += terminal_variables(terminal, number)
-        object.__setattr__(self, "everything", tuple(found))
+            variables += terminal_variables(terminal, number)
+        object.__setattr__(self, "everything", tuple(variables))
 
     def reference(self, name: str) -> int:
         """Return the value reference of a variable."""

@@ -11,7 +11,7 @@ from canroll.extensions.car.identification.fit import ROUNDS, FitSettings, _sear
 from canroll.extensions.car.identification.output_error import Point
 
 
-def told(minima, *, white):
+def remarks(minima, *, white):
     agreement = Agreement("yaw_rate", 0.998, 0.0076, 0.0 if white else 0.21, white, 0.7)
     return list(_searched(minima, (agreement,)))
 
@@ -34,13 +34,13 @@ WORSE = "{} of 3 searches ended in a worse minimum: the best is taken"
     ],
 )
 def test_a_best_minimum_is_confirmed_by_noise_or_by_another_search(minima, white, lines):
-    found = told(minima, white=white)
-    assert [text.partition(": the residuals")[0] for text in found] == lines
+    texts = remarks(minima, white=white)
+    assert [text.partition(": the residuals")[0] for text in texts] == lines
 
 
 def test_the_advice_is_one_round_of_as_many_searches_as_there_were():
     """Of which there are up to four times as many again."""
-    (line,) = told(tuple(100.0 * 2.0**k for k in range(12)), white=False)
+    (line,) = remarks(tuple(100.0 * 2.0**k for k in range(12)), white=False)
     assert line.endswith("give --starts 12")
 
 
