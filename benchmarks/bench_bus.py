@@ -14,8 +14,16 @@ import can
 import numpy as np
 from numba import njit
 
-from plant_sim.can_bus import NetworkSpec, Node, Segment, Source, account, advance, build_network
-from plant_sim.can_bus.wire.frame import frame_bits
+from canroll.plant_sim.can_bus import (
+    NetworkSpec,
+    Node,
+    Segment,
+    Source,
+    account,
+    advance,
+    build_network,
+)
+from canroll.plant_sim.can_bus.wire.frame import frame_bits
 
 MS = 1_000_000
 

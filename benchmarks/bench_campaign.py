@@ -29,9 +29,9 @@ from canroll.cases.engine import LOCAL, engine, results
 from canroll.extensions.campaign import campaign_file, figures
 from canroll.extensions.campaign.plan import drive_chunk
 from canroll.extensions.campaign.summary import count_of
+from canroll.plant_sim.world import open_loop, world
 from canroll.runs import experiment, virtual_time
 from canroll.studies import variation
-from plant_sim.world import open_loop, world
 
 SCENARIO = "double_lane_change"
 CHUNK = 16

@@ -11,11 +11,11 @@ from collections.abc import Callable
 import numpy as np
 
 from canroll.errors import CanrollError
-from gain_gen.calibration.freeze import calibrate
-from gain_gen.design import design
-from gain_gen.laws import LAWS
-from gain_gen.models.task import Delay, Task
-from vehicles import load
+from canroll.gain_gen.calibration.freeze import calibrate
+from canroll.gain_gen.design import design
+from canroll.gain_gen.laws import LAWS
+from canroll.gain_gen.models.task import Delay, Task
+from canroll.vehicles import load
 
 SOLVE_LIMIT_MS, LAW_LIMIT_S, ALL_LIMIT_S = 50.0, 3.0, 20.0
 
@@ -33,7 +33,7 @@ def reference() -> float:
 
 
 def main() -> int:
-    import gain_gen.laws.lmi  # noqa: F401 - its import is not part of a design
+    import canroll.gain_gen.laws.lmi  # noqa: F401 - its import is not part of a design
 
     unit = reference()
     print(f"100 x 100 eigenvalues: {1e3 * unit:.1f} ms")

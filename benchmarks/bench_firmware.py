@@ -16,16 +16,16 @@ import handwritten
 import numpy as np
 
 from canroll.cli.timing import recorded
-from codegen.run import cortex as cortex_build
-from codegen.run import memory_image, native, qemu
-from codegen.run.backends import NativeEcu, PythonEcu
-from codegen.run.bus_firmware import built_in
-from codegen.run.specialised import specialised
-from codegen.worst_case.cycles import Timing
-from codegen.worst_case.firmware_bound import cycle_costs
-from codegen.worst_case.footprint import footprint
-from firmware.calibration import Calibration
-from firmware.com.signals import RX_IDS
+from canroll.codegen.run import cortex as cortex_build
+from canroll.codegen.run import memory_image, native, qemu
+from canroll.codegen.run.backends import NativeEcu, PythonEcu
+from canroll.codegen.run.bus_firmware import built_in
+from canroll.codegen.run.specialised import specialised
+from canroll.codegen.worst_case.cycles import Timing
+from canroll.codegen.worst_case.firmware_bound import cycle_costs
+from canroll.codegen.worst_case.footprint import footprint
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.com.signals import RX_IDS
 
 
 def best(run, repeats):

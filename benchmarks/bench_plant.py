@@ -13,13 +13,13 @@ import time
 
 import numpy as np
 
-import vehicles
-from plant_sim import bodies
-from plant_sim.bodies import ports
-from plant_sim.driving import maneuvers
-from plant_sim.kernels.instants import STEP_NS
-from plant_sim.kernels.jit import njit
-from plant_sim.world import open_loop
+from canroll import vehicles
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.driving import maneuvers
+from canroll.plant_sim.kernels.instants import STEP_NS
+from canroll.plant_sim.kernels.jit import njit
+from canroll.plant_sim.world import open_loop
 
 
 @njit

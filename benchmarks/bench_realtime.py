@@ -10,8 +10,8 @@ import argparse
 import tempfile
 from pathlib import Path
 
+from canroll.hil import session
 from canroll.runs import experiment
-from hil import session
 
 TICKS_MS = (20.0, 10.0, 5.0, 2.0, 1.0)
 

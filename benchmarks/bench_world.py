@@ -18,12 +18,12 @@ import os
 import time
 from dataclasses import replace
 
-import vehicles
+from canroll import vehicles
+from canroll.codegen.run.backends import open_backend
+from canroll.plant_sim import bodies
+from canroll.plant_sim.driving import maneuvers
+from canroll.plant_sim.world import open_loop
 from canroll.runs import experiment, virtual_time
-from codegen.run.backends import open_backend
-from plant_sim import bodies
-from plant_sim.driving import maneuvers
-from plant_sim.world import open_loop
 
 SCENARIO = "double_lane_change"
 LOOPS = {

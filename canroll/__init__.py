@@ -25,6 +25,10 @@ from canroll.registry import Registry
 
 if TYPE_CHECKING:
     from canroll.cases.execution import Execution
+    from canroll.gain_gen.calibration.calibration_file import load as load_calibration
+    from canroll.gain_gen.design import design
+    from canroll.gain_gen.margin_report import margin_report as margins
+    from canroll.gain_gen.models.task import Delay, Design, Task
     from canroll.handling.vehicle_tests import limit, response, understeer
     from canroll.network.responses import bus
     from canroll.report.picture import plot
@@ -36,12 +40,8 @@ if TYPE_CHECKING:
     from canroll.studies.comparison import compare
     from canroll.studies.severe import study as severe
     from canroll.table import Table
-    from gain_gen.calibration.calibration_file import load as load_calibration
-    from gain_gen.design import design
-    from gain_gen.margin_report import margin_report as margins
-    from gain_gen.models.task import Delay, Design, Task
-    from vehicles import Vehicle
-    from vehicles import load as load_vehicle
+    from canroll.vehicles import Vehicle
+    from canroll.vehicles import load as load_vehicle
 
 __all__ = [
     "CanrollError",
@@ -77,23 +77,23 @@ _NAMES: "Registry[Any]" = Registry(
     "canroll.names",
     {
         "Controller": "canroll.setup.controller:Controller",
-        "Delay": "gain_gen.models.task:Delay",
-        "Design": "gain_gen.models.task:Design",
+        "Delay": "canroll.gain_gen.models.task:Delay",
+        "Design": "canroll.gain_gen.models.task:Design",
         "Execution": "canroll.cases.execution:Execution",
         "Result": "canroll.runs.result:Result",
         "Run": "canroll.runs.result:Run",
         "Table": "canroll.table:Table",
-        "Task": "gain_gen.models.task:Task",
+        "Task": "canroll.gain_gen.models.task:Task",
         "Trace": "canroll.runs.trace:Trace",
-        "Vehicle": "vehicles:Vehicle",
+        "Vehicle": "canroll.vehicles:Vehicle",
         "bus": "canroll.network.responses:bus",
         "compare": "canroll.studies.comparison:compare",
-        "design": "gain_gen.design:design",
+        "design": "canroll.gain_gen.design:design",
         "drive": "canroll.stepping:drive",
         "limit": "canroll.handling.vehicle_tests:limit",
-        "load_calibration": "gain_gen.calibration.calibration_file:load",
-        "load_vehicle": "vehicles:load",
-        "margins": "gain_gen.margin_report:margin_report",
+        "load_calibration": "canroll.gain_gen.calibration.calibration_file:load",
+        "load_vehicle": "canroll.vehicles:load",
+        "margins": "canroll.gain_gen.margin_report:margin_report",
         "plot": "canroll.report.picture:plot",
         "response": "canroll.handling.vehicle_tests:response",
         "run": "canroll.runs.experiment:run",

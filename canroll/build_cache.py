@@ -31,7 +31,7 @@ Result = TypeVar("Result")
 RECENT = 64
 """Results of this process that are kept in memory as well."""
 OWN, FOREIGN_WRITE = 0o700, stat.S_IWGRP | stat.S_IWOTH
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parent
 _recent: OrderedDict[bytes, bytes] = OrderedDict()
 
 

@@ -99,8 +99,7 @@ def _explained(error: BaseException) -> str:
     return f"{frames[-1].filename}, line {frames[-1].lineno}: {text}" if frames else text
 
 
-_OURS = Path(__file__).resolve().parents[1]
-_PACKAGES = ("canroll", "codegen", "dbc", "firmware", "gain_gen", "hil", "plant_sim", "vehicles")
+_OURS = Path(__file__).parent
 
 
 def _is_foreign(filename: str) -> bool:
@@ -108,9 +107,7 @@ def _is_foreign(filename: str) -> bool:
     path = Path(filename)
     if filename.startswith("<") or not path.is_absolute():
         return False
-    if path.is_relative_to(_OURS) and path.relative_to(_OURS).parts[0] in _PACKAGES:
-        return False
-    return path.is_file()
+    return path.is_file() and not path.is_relative_to(_OURS)
 
 
 def guarded(what: str, function: Function, arguments: int, returns: type) -> Function:

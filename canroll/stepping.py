@@ -3,13 +3,13 @@
 from collections.abc import Mapping
 from typing import Any, Unpack
 
+from canroll.codegen.run.backends import open_backend
 from canroll.reaction.fault_codes import MODES
 from canroll.runs.experiment import build_world, plan, tick_offset_ns
 from canroll.runs.result import Run
 from canroll.runs.virtual_time import ticks
 from canroll.setup.choices import PASSIVE, Choices
 from canroll.setup.controller import Controller
-from codegen.run.backends import open_backend
 
 
 class SteppedDrive:
@@ -46,7 +46,7 @@ class SteppedDrive:
 
     @property
     def ecu(self) -> Any:  # noqa: ANN401 - the record is of the firmware for the bus
-        """The record of the ECU's state, integers in the formats of :mod:`firmware.state`."""
+        """The ECU's state, integers in the formats of :mod:`canroll.firmware.state`."""
         return self._ecu.state
 
     @property

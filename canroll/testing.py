@@ -18,27 +18,27 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
+from canroll.gain_gen.calibration import calibration_file
+from canroll.gain_gen.calibration.freeze import calibrate
+from canroll.gain_gen.design import design
+from canroll.gain_gen.laws import LAWS
+from canroll.gain_gen.models.task import Delay, Solution, Task
+from canroll.plant_sim import can_bus
+from canroll.plant_sim.bodies import BODIES, ports
+from canroll.plant_sim.bodies.ports import Body, initial_inputs
+from canroll.plant_sim.buses import BUSES
+from canroll.plant_sim.can_bus.bounds.delay_bounds import delay_bounds
+from canroll.plant_sim.can_bus.network.own_frames import own_messages
+from canroll.plant_sim.can_bus.network.profiles import profile_spec
+from canroll.plant_sim.driving import MANEUVERS, maneuvers
+from canroll.plant_sim.driving.offered import check_plan
+from canroll.plant_sim.world import open_loop
 from canroll.runs import experiment
 from canroll.setup.controller import COMMANDS
 from canroll.typing import Vector
-from gain_gen.calibration import calibration_file
-from gain_gen.calibration.freeze import calibrate
-from gain_gen.design import design
-from gain_gen.laws import LAWS
-from gain_gen.models.task import Delay, Solution, Task
-from plant_sim import can_bus
-from plant_sim.bodies import BODIES, ports
-from plant_sim.bodies.ports import Body, initial_inputs
-from plant_sim.buses import BUSES
-from plant_sim.can_bus.bounds.delay_bounds import delay_bounds
-from plant_sim.can_bus.network.own_frames import own_messages
-from plant_sim.can_bus.network.profiles import profile_spec
-from plant_sim.driving import MANEUVERS, maneuvers
-from plant_sim.driving.offered import check_plan
-from plant_sim.world import open_loop
-from vehicles import GRAVITY, Vehicle
+from canroll.vehicles import GRAVITY, Vehicle
 
 SCENARIO = "double_lane_change"
 VEHICLE = "van_real"

@@ -6,7 +6,7 @@ from pathlib import Path
 import cantools
 from cantools.database import Database, Message
 
-from dbc.reader import Files, network
+from canroll.dbc.reader import Files, network
 
 PATH = Path(__file__).with_name("roll_control.dbc")
 FD_PATH = PATH.with_name("roll_control_fd.dbc")

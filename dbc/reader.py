@@ -20,7 +20,7 @@ from cantools.database import Database, Message
 from canroll.errors import CanrollError, reason
 
 if TYPE_CHECKING:
-    from dbc.tolerant import Repaired
+    from canroll.dbc.tolerant import Repaired
 
 _NAMED = 8
 """Defects of a kind that a warning names."""
@@ -179,7 +179,7 @@ def _of_dbc(path: Path, data: bytes) -> NetworkFile:
             return NetworkFile(path, database, _warnings(path, notes))
         except Exception:  # the first defect has been kept
             # for a file that cannot be read as it is
-            from dbc.tolerant import repaired  # noqa: PLC0415
+            from canroll.dbc.tolerant import repaired  # noqa: PLC0415
 
             repair = repaired(text)
         if "BO_" not in repair.text:

@@ -11,8 +11,7 @@ from dataclasses import dataclass, field
 from cantools.database.can import Database
 from textparser import Error as SyntaxRefusal
 
-from canroll.errors import CanrollError
-from dbc.statements import (
+from canroll.dbc.statements import (
     EXTENDED_BIT,
     block_end,
     ends,
@@ -23,6 +22,7 @@ from dbc.statements import (
     plain,
     shown,
 )
+from canroll.errors import CanrollError
 
 _DEFINITIONS = ("BA_DEF_", "BA_DEF_REL_")
 _ATTRIBUTES = ("BA_", "BA_REL_", "BA_DEF_DEF_", "BA_DEF_DEF_REL_")

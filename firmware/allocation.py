@@ -7,10 +7,10 @@ the share that keeps the car's steering balance. Dampers follow the four-conditi
 (25) to (28).
 """
 
-from firmware.calibration import BARS, DAMPERS, ONE, STATE_MAX, SUSPENSION, Calibration
-from firmware.fixed_point import magnitude, product, quotient
-from firmware.state import Ecu
-from firmware.subset import clamp, i32, narrow, rsh, sat31, sat32
+from canroll.firmware.calibration import BARS, DAMPERS, ONE, STATE_MAX, SUSPENSION, Calibration
+from canroll.firmware.fixed_point import magnitude, product, quotient
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import clamp, i32, narrow, rsh, sat31, sat32
 
 LEFT = 0
 RIGHT = 1

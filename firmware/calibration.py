@@ -10,7 +10,7 @@ products leaves 64 bits, whatever the calibration.
 
 from typing import Annotated
 
-from firmware.subset import F, i32, record, u8
+from canroll.firmware.subset import F, i32, record, u8
 
 # laws
 STATE_FEEDBACK = 0

@@ -5,7 +5,7 @@ before it in the order of the record, of each word the lowest byte first. It is 
 machine of either byte order finds the same.
 """
 
-from firmware.calibration import (
+from canroll.firmware.calibration import (
     BARS,
     BYPASS,
     COMPENSATOR,
@@ -14,7 +14,7 @@ from firmware.calibration import (
     VALVES,
     Calibration,
 )
-from firmware.limits import (
+from canroll.firmware.limits import (
     BYTES,
     FIELDS,
     FIRST_WORD,
@@ -25,7 +25,7 @@ from firmware.limits import (
     RANGE,
     SIZE,
 )
-from firmware.state import (
+from canroll.firmware.state import (
     CORRUPT,
     INIT,
     RX_ACTUATOR_STATE,
@@ -36,7 +36,7 @@ from firmware.state import (
     SAFE,
     Ecu,
 )
-from firmware.subset import clamp, i32, octet, to_i32, to_u32, u32, word
+from canroll.firmware.subset import clamp, i32, octet, to_i32, to_u32, u32, word
 
 RULE_SCHEDULE = 501
 RULE_FADE = 502

@@ -7,8 +7,8 @@ is in observer form on the saturated output, so that it does not wind up.
 
 from typing import Annotated
 
-from firmware import stage
-from firmware.calibration import (
+from canroll.firmware import stage
+from canroll.firmware.calibration import (
     BYPASS,
     COMPENSATOR,
     N_ORDER,
@@ -17,11 +17,11 @@ from firmware.calibration import (
     VALVES,
     Calibration,
 )
-from firmware.fixed_point import product, shifted, weighted
-from firmware.monitors.rolling import YAW
-from firmware.plausibility import BAD_ACCELERATION
-from firmware.state import ACTIVE, DEGRADED, LATERAL, ROLL, ROLL_RATE, RX_IMU, Ecu
-from firmware.subset import clamp, i32, i64, rsh, sat31
+from canroll.firmware.fixed_point import product, shifted, weighted
+from canroll.firmware.monitors.rolling import YAW
+from canroll.firmware.plausibility import BAD_ACCELERATION
+from canroll.firmware.state import ACTIVE, DEGRADED, LATERAL, ROLL, ROLL_RATE, RX_IMU, Ecu
+from canroll.firmware.subset import clamp, i32, i64, rsh, sat31
 
 
 def rate_input(ecu: Ecu, cal: Calibration) -> i32:

@@ -5,10 +5,10 @@ in Q24, symmetric, with a floor and a cap. The cap on the lateral acceleration's
 roll angle and lateral acceleration from winding each other up while they cannot be distinguished.
 """
 
-from firmware.calibration import N_STATES, STATE_MAX, Calibration
-from firmware.fixed_point import product, quotient, shifted, weighted
-from firmware.state import Ecu
-from firmware.subset import clamp, i32, i64, sat31
+from canroll.firmware.calibration import N_STATES, STATE_MAX, Calibration
+from canroll.firmware.fixed_point import product, quotient, shifted, weighted
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import clamp, i32, i64, sat31
 
 Q_COVARIANCE = 24
 ONE = 1 << Q_COVARIANCE

@@ -5,23 +5,23 @@ interrupt, ``tick`` once a period with the number of periods elapsed, and then s
 whose ``tx_pending`` is 1 and clears it.
 """
 
-from firmware import stage
-from firmware.allocation import allocate
-from firmware.calibration import Calibration
-from firmware.check import RULE_CRC, check, watch_calibration
-from firmware.com.mailbox import init_mailboxes, read_inputs, receive
-from firmware.com.transmit import init_transmit, transmit
-from firmware.control_law import control, init_control
-from firmware.event_trigger import init_trigger, trigger
-from firmware.identification import identify, init_identification
-from firmware.limits import LAST_WORD
-from firmware.monitors import envelope
-from firmware.observer import init_observer, learn_offsets, look_ahead, observe
-from firmware.plausibility import FAULT_CALIBRATION, FAULT_CALIBRATION_CRC, latch_faults
-from firmware.schedule import schedule
-from firmware.state import AGE_MAX, CORRUPT, SAFE, Ecu
-from firmware.subset import I32_MAX, clamp, clear, i32, i64, narrow
-from firmware.supervisor import init_supervisor, supervise
+from canroll.firmware import stage
+from canroll.firmware.allocation import allocate
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.check import RULE_CRC, check, watch_calibration
+from canroll.firmware.com.mailbox import init_mailboxes, read_inputs, receive
+from canroll.firmware.com.transmit import init_transmit, transmit
+from canroll.firmware.control_law import control, init_control
+from canroll.firmware.event_trigger import init_trigger, trigger
+from canroll.firmware.identification import identify, init_identification
+from canroll.firmware.limits import LAST_WORD
+from canroll.firmware.monitors import envelope
+from canroll.firmware.observer import init_observer, learn_offsets, look_ahead, observe
+from canroll.firmware.plausibility import FAULT_CALIBRATION, FAULT_CALIBRATION_CRC, latch_faults
+from canroll.firmware.schedule import schedule
+from canroll.firmware.state import AGE_MAX, CORRUPT, SAFE, Ecu
+from canroll.firmware.subset import I32_MAX, clamp, clear, i32, i64, narrow
+from canroll.firmware.supervisor import init_supervisor, supervise
 
 __all__ = ["init", "receive", "tick"]
 

@@ -7,11 +7,11 @@ then it is sent again. Over a network the echo may lag several commands behind; 
 long as it advances. In INIT nothing is sent: what the actuators hold from before a restart fades.
 """
 
-from firmware.calibration import BARS, DAMPERS, N_RING, SUSPENSION, Calibration
-from firmware.com import signals
-from firmware.monitors.delivery import note_command
-from firmware.monitors.echo import note_echo, note_sent
-from firmware.state import (
+from canroll.firmware.calibration import BARS, DAMPERS, N_RING, SUSPENSION, Calibration
+from canroll.firmware.com import signals
+from canroll.firmware.monitors.delivery import note_command
+from canroll.firmware.monitors.echo import note_echo, note_sent
+from canroll.firmware.state import (
     AGE_MAX,
     INIT,
     RX_ACTUATOR_STATE,
@@ -21,7 +21,7 @@ from firmware.state import (
     TX_VALVE,
     Ecu,
 )
-from firmware.subset import I32_MAX, byte, clamp, i32, i64, rsh, u8
+from canroll.firmware.subset import I32_MAX, byte, clamp, i32, i64, rsh, u8
 
 NOTHING = 0
 TRIGGERED = 1

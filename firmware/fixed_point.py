@@ -2,8 +2,8 @@
 
 from typing import Annotated
 
-from firmware.calibration import N_STATES, Q_SHARE, STATE_MAX
-from firmware.subset import absolute, clamp, i32, i64, sat31, scaled, tdiv
+from canroll.firmware.calibration import N_STATES, Q_SHARE, STATE_MAX
+from canroll.firmware.subset import absolute, clamp, i32, i64, sat31, scaled, tdiv
 
 
 def magnitude(value: i32) -> i32:

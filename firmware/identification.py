@@ -8,12 +8,12 @@ sensors drop out, and the roll angle is the leaky integral of the gyro, which re
 A gate on the roll rate stops the forgetting while the motion is too small to identify from.
 """
 
-from firmware.calibration import COEFFICIENT, STATE_MAX, Calibration
-from firmware.fixed_point import product, quotient, shifted
-from firmware.observer import acting_moment
-from firmware.plausibility import BAD_ACCELERATION, BAD_ROLL_RATE
-from firmware.state import RX_IMU, WINDOW_MAX, Ecu
-from firmware.subset import byte, clamp, i32, i64, rsh, sat31
+from canroll.firmware.calibration import COEFFICIENT, STATE_MAX, Calibration
+from canroll.firmware.fixed_point import product, quotient, shifted
+from canroll.firmware.observer import acting_moment
+from canroll.firmware.plausibility import BAD_ACCELERATION, BAD_ROLL_RATE
+from canroll.firmware.state import RX_IMU, WINDOW_MAX, Ecu
+from canroll.firmware.subset import byte, clamp, i32, i64, rsh, sat31
 
 WINDOW = 10
 SETTLED = 200

@@ -8,7 +8,7 @@ the instant at which the command will act, through the ring of commands that are
 
 from typing import Annotated
 
-from firmware.calibration import (
+from canroll.firmware.calibration import (
     BYPASS,
     DAMPERS,
     N_RING,
@@ -16,10 +16,10 @@ from firmware.calibration import (
     PROPAGATED_COVARIANCE,
     Calibration,
 )
-from firmware.covariance import init_covariance, propagate, update
-from firmware.fixed_point import product, shifted, weighted
-from firmware.plausibility import BAD_ACCELERATION, BAD_ROLL_RATE, beyond
-from firmware.state import (
+from canroll.firmware.covariance import init_covariance, propagate, update
+from canroll.firmware.fixed_point import product, shifted, weighted
+from canroll.firmware.plausibility import BAD_ACCELERATION, BAD_ROLL_RATE, beyond
+from canroll.firmware.state import (
     GYRO_BIAS,
     LATERAL,
     ROLL,
@@ -28,7 +28,7 @@ from firmware.state import (
     RX_ROLL_REFERENCE,
     Ecu,
 )
-from firmware.subset import clamp, i32, i64, rsh, sat31, scaled, u8
+from canroll.firmware.subset import clamp, i32, i64, rsh, sat31, scaled, u8
 
 MEASURED_ROLL_RATE = 0
 MEASURED_ACCELERATION = 1

@@ -4,7 +4,7 @@ An input is lost when no valid frame of it arrives in time, when it repeats one 
 value has been an error code or implausible for longer than its timeout.
 """
 
-from firmware.calibration import (
+from canroll.firmware.calibration import (
     BARS,
     BYPASS,
     COMPENSATOR,
@@ -14,8 +14,8 @@ from firmware.calibration import (
     VALVES,
     Calibration,
 )
-from firmware.com import signals
-from firmware.state import (
+from canroll.firmware.com import signals
+from canroll.firmware.state import (
     AGE_MAX,
     FIRST_FRAME,
     INIT,
@@ -28,7 +28,7 @@ from firmware.state import (
     RX_VEHICLE_MOTION,
     Ecu,
 )
-from firmware.subset import byte, clamp, i32, sat31, u8
+from canroll.firmware.subset import byte, clamp, i32, sat31, u8
 
 # fault codes; 0 to 4: no valid frame of message m in time
 FAULT_DISAGREEMENT = 5

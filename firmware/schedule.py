@@ -1,9 +1,9 @@
 """Speed schedule: gain factor, front share and steering gain, and the fade at walking pace."""
 
-from firmware.calibration import ONE, STATE_MAX, Calibration
-from firmware.fixed_point import product, quotient
-from firmware.state import RX_VEHICLE_MOTION, Ecu
-from firmware.subset import clamp, i32, sat31
+from canroll.firmware.calibration import ONE, STATE_MAX, Calibration
+from canroll.firmware.fixed_point import product, quotient
+from canroll.firmware.state import RX_VEHICLE_MOTION, Ecu
+from canroll.firmware.subset import clamp, i32, sat31
 
 Q28_ONE = 1 << 28
 

@@ -1,14 +1,14 @@
 """Hooks for an engineer's own stage; the default ones are empty and cost nothing.
 
-``codegen.generated.own_stage`` replaces this module by one with some of these functions. Calls of
-empty functions are omitted when the loop is translated, so without an own stage the C has none of
-them. A stage writes only its own fields and ``ecu.x``; schedule, moment limit, slew limit and
-allocation follow it.
+``canroll.codegen.generated.own_stage`` replaces this module by one with some of these functions.
+Calls of empty functions are omitted when the loop is translated, so without an own stage the C has
+none of them. A stage writes only its own fields and ``ecu.x``; schedule, moment limit, slew limit
+and allocation follow it.
 """
 
-from firmware.calibration import Calibration
-from firmware.state import Ecu
-from firmware.subset import i32
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import i32
 
 
 def start(ecu: Ecu, cal: Calibration) -> None:

@@ -1,12 +1,12 @@
 """The state record of the ECU: everything the loop remembers from one tick to the next.
 
 Bounds are narrower than 32 bits and hold at every store, so that sums of products stay inside
-64 bits; ``codegen.proof.prove`` shows that a tick keeps them from any state inside them.
+64 bits; ``canroll.codegen.proof.prove`` shows that a tick keeps them from any state inside them.
 """
 
 from typing import Annotated
 
-from firmware.calibration import (
+from canroll.firmware.calibration import (
     COEFFICIENT,
     N_ORDER,
     N_RING,
@@ -23,8 +23,8 @@ from firmware.calibration import (
     STATE_MAX,
     STATE_MIN,
 )
-from firmware.com.frames import COUNTER_MAX, N_FRAMES, RX_BYTES, TX_BYTES
-from firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
+from canroll.firmware.com.frames import COUNTER_MAX, N_FRAMES, RX_BYTES, TX_BYTES
+from canroll.firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
 
 # modes
 INIT = 0

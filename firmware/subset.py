@@ -3,8 +3,8 @@
 The subset is Python restricted to what a microcontroller offers. A module holds integer constants,
 constant tables, records and functions; a function holds annotated locals, assignments, ``if``,
 ``for … in range(…)``, ``return`` and calls. There are no floats, no allocation, no recursion, no
-``//`` and no ``%``. ``codegen.c99.emit`` translates it to C99 and refuses everything else; this
-module itself is not translated: the C prelude has the same intrinsics.
+``//`` and no ``%``. ``canroll.codegen.c99.emit`` translates it to C99 and refuses everything else;
+this module itself is not translated: the C prelude has the same intrinsics.
 
 Arithmetic is exact. A value is stored in an ``i32`` only where it fits: through :func:`sat32`,
 :func:`sat31`, :func:`scaled`, :func:`clamp`, :func:`narrow` or because its range shows it.

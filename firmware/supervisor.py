@@ -12,18 +12,18 @@ car without control, and a tenth of the way beyond at most. Taken away at once i
 half. After a restart the law takes over what is being delivered.
 """
 
-from firmware.calibration import DAMPERS, ONE, STATE_MAX, Calibration
-from firmware.com import signals
-from firmware.monitors.axles import watch_axles, watch_heave
-from firmware.monitors.delivery import watch_delivery
-from firmware.monitors.echo import watch_echo
-from firmware.monitors.own_identifier import watch_own_identifiers
-from firmware.monitors.redundancy import watch_redundancy
-from firmware.monitors.response import watch_response
-from firmware.monitors.rolling import watch_rolling
-from firmware.monitors.samples import init_samples, watch_samples
-from firmware.monitors.speed import watch_speed
-from firmware.plausibility import (
+from canroll.firmware.calibration import DAMPERS, ONE, STATE_MAX, Calibration
+from canroll.firmware.com import signals
+from canroll.firmware.monitors.axles import watch_axles, watch_heave
+from canroll.firmware.monitors.delivery import watch_delivery
+from canroll.firmware.monitors.echo import watch_echo
+from canroll.firmware.monitors.own_identifier import watch_own_identifiers
+from canroll.firmware.monitors.redundancy import watch_redundancy
+from canroll.firmware.monitors.response import watch_response
+from canroll.firmware.monitors.rolling import watch_rolling
+from canroll.firmware.monitors.samples import init_samples, watch_samples
+from canroll.firmware.monitors.speed import watch_speed
+from canroll.firmware.plausibility import (
     DEGRADING,
     FAULT_CALIBRATION_CRC,
     FAULT_DISAGREEMENT,
@@ -34,8 +34,8 @@ from firmware.plausibility import (
     watch_actuators,
     watch_motion,
 )
-from firmware.state import ACTIVE, AGE_MAX, CORRUPT, DEGRADED, INIT, SAFE, Ecu
-from firmware.subset import clamp, i32, sat31, tdiv
+from canroll.firmware.state import ACTIVE, AGE_MAX, CORRUPT, DEGRADED, INIT, SAFE, Ecu
+from canroll.firmware.subset import clamp, i32, sat31, tdiv
 
 
 def hold(ecu: Ecu, first: i32, second: i32) -> None:

@@ -6,20 +6,20 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-import vehicles
+from canroll import vehicles
 from canroll.arguments import checked
 from canroll.build_cache import kept
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
-from gain_gen.analysis.family import Family, FamilyRow, family_of
-from gain_gen.analysis.fitted_family import with_draws
-from gain_gen.analysis.speed_schedule import UNLIMITED, Speeds, scheduled, speeds_of
-from gain_gen.analysis.verify import holds, verify
-from gain_gen.laws import LAWS, OBSERVERS, WITHOUT_ROLL_RATE, is_of_user
-from gain_gen.laws.declared import COMPUTED, Declared, built_in, declared
-from gain_gen.laws.roll_rate_feedback import static_controller
-from gain_gen.laws.state_feedback import sensor_noise
-from gain_gen.models.controller import LinearController
-from gain_gen.models.task import (
+from canroll.gain_gen.analysis.family import Family, FamilyRow, family_of
+from canroll.gain_gen.analysis.fitted_family import with_draws
+from canroll.gain_gen.analysis.speed_schedule import UNLIMITED, Speeds, scheduled, speeds_of
+from canroll.gain_gen.analysis.verify import holds, verify
+from canroll.gain_gen.laws import LAWS, OBSERVERS, WITHOUT_ROLL_RATE, is_of_user
+from canroll.gain_gen.laws.declared import COMPUTED, Declared, built_in, declared
+from canroll.gain_gen.laws.roll_rate_feedback import static_controller
+from canroll.gain_gen.laws.state_feedback import sensor_noise
+from canroll.gain_gen.models.controller import LinearController
+from canroll.gain_gen.models.task import (
     UNVERIFIED,
     Check,
     Delay,
@@ -29,7 +29,7 @@ from gain_gen.models.task import (
     in_words,
     made_of,
 )
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 STEP_DB = 1.0
 """Reduction of the whole command per step of detuning, dB."""

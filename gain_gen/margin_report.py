@@ -7,19 +7,19 @@ from pathlib import Path
 import numpy as np
 
 from canroll.arguments import checked
+from canroll.gain_gen.analysis.family import Family, FamilyMargins, family_of
+from canroll.gain_gen.analysis.fitted_family import margins_of_draws, with_draws
+from canroll.gain_gen.analysis.margins import Margins, margins
+from canroll.gain_gen.analysis.sampled_loop import SampledLoop, loop_gain, response_peak
+from canroll.gain_gen.analysis.verify import DELAY_LIMIT, family_checks, passive_controller
+from canroll.gain_gen.calibration.calibration_file import LoadedCalibration, load
+from canroll.gain_gen.calibration.dequantise import dequantise
+from canroll.gain_gen.calibration.resolution import of_calibration
+from canroll.gain_gen.models.controller import scaled_controller
+from canroll.gain_gen.models.roll import Matrix
+from canroll.gain_gen.models.state_space import Complex
+from canroll.gain_gen.models.task import Check, Delay, Task
 from canroll.table import Table
-from gain_gen.analysis.family import Family, FamilyMargins, family_of
-from gain_gen.analysis.fitted_family import margins_of_draws, with_draws
-from gain_gen.analysis.margins import Margins, margins
-from gain_gen.analysis.sampled_loop import SampledLoop, loop_gain, response_peak
-from gain_gen.analysis.verify import DELAY_LIMIT, family_checks, passive_controller
-from gain_gen.calibration.calibration_file import LoadedCalibration, load
-from gain_gen.calibration.dequantise import dequantise
-from gain_gen.calibration.resolution import of_calibration
-from gain_gen.models.controller import scaled_controller
-from gain_gen.models.roll import Matrix
-from gain_gen.models.state_space import Complex
-from gain_gen.models.task import Check, Delay, Task
 
 GAIN_FACTORS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0, 4.0)
 

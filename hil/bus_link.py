@@ -15,11 +15,11 @@ from typing import Protocol
 
 import can
 
+from canroll.codegen.generated.mailbox import EXTENDED
 from canroll.errors import CanrollError
-from codegen.generated.mailbox import EXTENDED
-from hil.hardware import interfaces
-from hil.hardware.bus_options import open_bus, options_of
-from hil.hardware.bus_record import BusRecord, source
+from canroll.hil.hardware import interfaces
+from canroll.hil.hardware.bus_options import open_bus, options_of
+from canroll.hil.hardware.bus_record import BusRecord, source
 
 __all__ = [
     "EXTENDED",

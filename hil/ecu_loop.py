@@ -10,17 +10,17 @@ logging, waiting or garbage collection.
 import time
 from dataclasses import dataclass
 
-from codegen.run.backends import Backend
-from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.secured import SecuredEcu
-from firmware.calibration import Calibration
-from firmware.event_trigger import command_slot
-from firmware.state import RX_IMU, SAFE
-from hil.bus_link import Frame, Link
-from hil.lockstep import Grants
-from hil.phase_lock import PhaseLock
-from hil.process import Stop, collector_off
-from hil.tick_trace import TickRecorder
+from canroll.codegen.run.backends import Backend
+from canroll.codegen.run.bus_firmware import BusFirmware, built_in
+from canroll.codegen.run.secured import SecuredEcu
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.event_trigger import command_slot
+from canroll.firmware.state import RX_IMU, SAFE
+from canroll.hil.bus_link import Frame, Link
+from canroll.hil.lockstep import Grants
+from canroll.hil.phase_lock import PhaseLock
+from canroll.hil.process import Stop, collector_off
+from canroll.hil.tick_trace import TickRecorder
 
 STOPPED, PEER_LOST, DURATION = "stopped", "peer lost", "duration over"
 PLANT_ENDED = "plant ended"

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError
+from canroll.hil import own_bus, session
+from canroll.plant_sim.world.spool import Rows, blocks
 from canroll.runs import experiment, metrics, steering_replay
 from canroll.runs.experiment import with_files
 from canroll.runs.result import Result
 from canroll.runs.trace import Trace
 from canroll.setup.choices import PASSIVE
-from hil import own_bus, session
-from plant_sim.world.spool import Rows, blocks
 
 __all__ = ["run", "with_files"]
 

@@ -19,8 +19,8 @@ from numpy import uint8
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, VerdictError
-from hil.bus_link import EXTENDED, NOTES, Frame, Link
-from hil.process import Stop
+from canroll.hil.bus_link import EXTENDED, NOTES, Frame, Link
+from canroll.hil.process import Stop
 
 GRANT, ACKNOWLEDGEMENT = sorted(NOTES)
 END = 0xFFFFFFFF

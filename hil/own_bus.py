@@ -11,10 +11,10 @@ import time
 from collections import deque
 
 from canroll.errors import CanrollError, reason
-from hil.bus_link import EXTENDED, NOTES, Frame
-from plant_sim.can_bus.servers import SOCKETCAND_PORT
-from plant_sim.can_bus.servers.socketcand import SocketcandServer
-from plant_sim.can_bus.wire import frame as wire
+from canroll.hil.bus_link import EXTENDED, NOTES, Frame
+from canroll.plant_sim.can_bus.servers import SOCKETCAND_PORT
+from canroll.plant_sim.can_bus.servers.socketcand import SocketcandServer
+from canroll.plant_sim.can_bus.wire import frame as wire
 
 CHANNEL = "plant"
 GROUP = "239.74.163.21"

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-import dbc
+from canroll import dbc
+from canroll.codegen.run.bus_firmware import BusFirmware, built_in
+from canroll.hil.bus_link import Link
+from canroll.hil.lockstep import GrantedEcu, PeerLostError
+from canroll.hil.process import Stop, collector_off
+from canroll.plant_sim.world.world import World
 from canroll.runs.virtual_time import ticks
-from codegen.run.bus_firmware import BusFirmware, built_in
-from hil.bus_link import Link
-from hil.lockstep import GrantedEcu, PeerLostError
-from hil.process import Stop, collector_off
-from plant_sim.world.world import World
 
 FINISHED, STOPPED, PEER_LOST = "finished", "stopped", "peer lost"
 

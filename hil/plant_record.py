@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import reading
+from canroll.hil.hardware.bus_record import ENTRY
+from canroll.plant_sim.world import archive
+from canroll.plant_sim.world.spool import Table
 from canroll.runs.trace import Signals, restored
-from hil.hardware.bus_record import ENTRY
-from plant_sim.world import archive
-from plant_sim.world.spool import Table
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +20,7 @@ class PlantRecord:
     """A plant's run: vehicle signals, bus log, applied commands, instants of its loop.
 
     ``about``: reason, start_ns, end_ns, sent, received, failed, cpu, notes, bus; ``bus``:
-    everything on the real bus (:data:`hil.hardware.bus_record.ENTRY`).
+    everything on the real bus (:data:`canroll.hil.hardware.bus_record.ENTRY`).
     """
 
     signals: Signals

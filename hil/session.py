@@ -10,6 +10,12 @@ import numpy as np
 import tomli_w
 
 from canroll.errors import CanrollError
+from canroll.gain_gen.calibration import calibration_file
+from canroll.hil import children as programs
+from canroll.hil import plant_record, process, tick_trace, timing
+from canroll.hil.children import ChildProgram
+from canroll.hil.plant_record import PlantRecord
+from canroll.hil.tick_trace import TickTrace
 from canroll.runs import experiment, validity
 from canroll.runs.result import Run
 from canroll.runs.trace import Trace
@@ -17,13 +23,7 @@ from canroll.runs.virtual_time import Interrupted
 from canroll.setup import words
 from canroll.setup.choices import CHOICES
 from canroll.setup.controller import Controller
-from gain_gen.calibration import calibration_file
-from hil import children as programs
-from hil import plant_record, process, tick_trace, timing
-from hil.children import ChildProgram
-from hil.plant_record import PlantRecord
-from hil.tick_trace import TickTrace
-from vehicles import plausible
+from canroll.vehicles import plausible
 
 VEHICLE = "plant_vehicle.toml"
 """File of the vehicle that the plant drives."""

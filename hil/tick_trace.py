@@ -15,20 +15,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.codegen.run.backends import Backend
+from canroll.codegen.run.bus_firmware import BusFirmware, built_in
+from canroll.codegen.run.secured import NEW, Lasting
+from canroll.codegen.run.services import open_ecu
+from canroll.dbc.keys import DEVELOPMENT_KEY
 from canroll.errors import UNREADABLE, CanrollError, reason, writing
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.security.secoc_state import RESET_MAX
+from canroll.hil.bus_link import Frame
+from canroll.hil.hardware.bus_record import ENTRY
+from canroll.plant_sim.world import archive
+from canroll.plant_sim.world.spool import Rows, Table
 from canroll.runs.trace import entries, restored
 from canroll.runs.virtual_time import TickRows
-from codegen.run.backends import Backend
-from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.secured import NEW, Lasting
-from codegen.run.services import open_ecu
-from dbc.keys import DEVELOPMENT_KEY
-from firmware.calibration import Calibration
-from firmware.security.secoc_state import RESET_MAX
-from hil.bus_link import Frame
-from hil.hardware.bus_record import ENTRY
-from plant_sim.world import archive
-from plant_sim.world.spool import Rows, Table
 
 TICKS = np.dtype(
     [
@@ -138,7 +138,7 @@ def _rows(memory: bytearray, end: int, kind: np.dtype[Any]) -> NDArray[np.void]:
 class TickTrace:
     """A recorded run: calibration, ticks (:data:`TICKS`), frames (:func:`frames_of`), metadata.
 
-    ``bus``: everything on the real bus (:data:`hil.hardware.bus_record.ENTRY`).
+    ``bus``: everything on the real bus (:data:`canroll.hil.hardware.bus_record.ENTRY`).
     """
 
     calibration: Calibration
@@ -191,7 +191,8 @@ def ecu_of(
     """Start an ECU as that of a trace was: with what it remembered of earlier starts.
 
     Raises:
-        CanrollError: as :func:`codegen.run.services.open_ecu`; the trace is of another kind of bus.
+        CanrollError: as :func:`canroll.codegen.run.services.open_ecu`; the trace is of another kind
+        of bus.
     """
     firmware = firmware or built_in()
     memory = trace.about.get("lasting")

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from codegen.run.bus_firmware import BusFirmware, built_in
-from firmware.event_trigger import command_slot
-from firmware.state import RX_IMU
-from hil.hardware import bus_record
-from hil.tick_trace import TickTrace
-from hil.timing_rows import QUANTILES
-from plant_sim.world.received import received_by_ecu
+from canroll.codegen.run.bus_firmware import BusFirmware, built_in
+from canroll.firmware.event_trigger import command_slot
+from canroll.firmware.state import RX_IMU
+from canroll.hil.hardware import bus_record
+from canroll.hil.tick_trace import TickTrace
+from canroll.hil.timing_rows import QUANTILES
+from canroll.plant_sim.world.received import received_by_ecu
 
 Times = NDArray[np.int64]
 
@@ -93,7 +93,7 @@ def latencies(
 
     Args:
         trace: trace of the ECU.
-        commands: applied commands of the plant (``plant_sim.world.recording.COMMAND``).
+        commands: applied commands of the plant (``canroll.plant_sim.world.recording.COMMAND``).
         frames: the plant's bus log.
         start_ns: monotonic instant of plant time 0.
         sensor_latency_ns: from the sample to the Imu frame in its queue.

@@ -22,7 +22,7 @@ def bus_lines(timing: Mapping[str, Any]) -> list[str]:
 
 
 def _bus_line(side: str, figures: Mapping[str, Any]) -> str:
-    """Return :func:`hil.timing.bus_figures` as a sentence."""
+    """Return :func:`canroll.hil.timing.bus_figures` as a sentence."""
     load = f"load unknown {figures['load_missing']}"
     if figures["load"] is not None:
         load = f"load {100 * figures['load']:.1f} % of {figures['bitrate'] / 1000:g} kbit/s"

@@ -12,15 +12,15 @@ from typing import Any
 
 from numba.core import event
 
-from codegen.run.backends import Backend
-from codegen.run.bus_firmware import BusFirmware, built_in
-from firmware.calibration import BARS, DAMPERS, SUSPENSION, VALVES, Calibration
-from hil import ecu_loop, plant_loop
-from hil.bus_link import Frame
-from hil.phase_lock import ACQUIRE, PhaseLock
-from hil.process import Stop
-from hil.tick_trace import TickRecorder
-from plant_sim.world.world import World
+from canroll.codegen.run.backends import Backend
+from canroll.codegen.run.bus_firmware import BusFirmware, built_in
+from canroll.firmware.calibration import BARS, DAMPERS, SUSPENSION, VALVES, Calibration
+from canroll.hil import ecu_loop, plant_loop
+from canroll.hil.bus_link import Frame
+from canroll.hil.phase_lock import ACQUIRE, PhaseLock
+from canroll.hil.process import Stop
+from canroll.hil.tick_trace import TickRecorder
+from canroll.plant_sim.world.world import World
 
 TICKS = ACQUIRE + 4
 """Ticks of a rehearsal: enough to find the phase and go on."""

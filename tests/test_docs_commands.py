@@ -137,6 +137,6 @@ def test_keys_of_the_reproduction():
 
 
 def test_keys_of_what_watch_sees():
-    from hil.watch.observation import Observation
+    from canroll.hil.watch.observation import Observation
 
     assert keys("watch") == set(Observation(500_000).summary())

@@ -8,36 +8,35 @@ from typing import get_args, get_type_hints
 
 import pytest
 
-import dbc
-import vehicles
+from canroll import dbc, vehicles
+from canroll.codegen.frame.checksum_units import constant
+from canroll.codegen.frame.crc_kinds import CRCS
+from canroll.codegen.frame.frame_protection import ATTRIBUTES
+from canroll.codegen.frame.own_checksum import own_checksum
+from canroll.codegen.frame.own_protection import METHODS, OF_A_CHECKSUM
+from canroll.codegen.generated import bus_map, mailbox
+from canroll.codegen.generated.mailbox_frame import OVERRIDES
+from canroll.codegen.generated.mapped_signal import KEYS
+from canroll.firmware import plausibility
+from canroll.gain_gen.calibration import calibration_file
+from canroll.gain_gen.calibration.freeze import calibrate
+from canroll.gain_gen.design import design
+from canroll.gain_gen.laws.custom import read_matrices
+from canroll.gain_gen.models.task import Delay, Task
+from canroll.hil import tick_trace
+from canroll.hil.budget import Budget, budget_of
+from canroll.plant_sim.buses.topology import TimeSpread
+from canroll.plant_sim.can_bus.network.network_file import KEYS as KEYS_OF_A_NETWORK
+from canroll.plant_sim.can_bus.network.network_file import load_profile
+from canroll.plant_sim.can_bus.network.own_frames import bus_map as bus_map_of
+from canroll.plant_sim.can_bus.network.profiles import routed_messages
+from canroll.plant_sim.can_bus.traffic.files import load_traffic
+from canroll.plant_sim.can_bus.wire.frame import EXTENDED, FD
+from canroll.plant_sim.driving import MANEUVERS, maneuvers
 from canroll.testing import COMMON
-from codegen.frame.checksum_units import constant
-from codegen.frame.crc_kinds import CRCS
-from codegen.frame.frame_protection import ATTRIBUTES
-from codegen.frame.own_checksum import own_checksum
-from codegen.frame.own_protection import METHODS, OF_A_CHECKSUM
-from codegen.generated import bus_map, mailbox
-from codegen.generated.mailbox_frame import OVERRIDES
-from codegen.generated.mapped_signal import KEYS
-from firmware import plausibility
-from gain_gen.calibration import calibration_file
-from gain_gen.calibration.freeze import calibrate
-from gain_gen.design import design
-from gain_gen.laws.custom import read_matrices
-from gain_gen.models.task import Delay, Task
-from hil import tick_trace
-from hil.budget import Budget, budget_of
-from plant_sim.buses.topology import TimeSpread
-from plant_sim.can_bus.network.network_file import KEYS as KEYS_OF_A_NETWORK
-from plant_sim.can_bus.network.network_file import load_profile
-from plant_sim.can_bus.network.own_frames import bus_map as bus_map_of
-from plant_sim.can_bus.network.profiles import routed_messages
-from plant_sim.can_bus.traffic.files import load_traffic
-from plant_sim.can_bus.wire.frame import EXTENDED, FD
-from plant_sim.driving import MANEUVERS, maneuvers
-from vehicles.load import from_table
-from vehicles.model import SensorChannel, Vehicle
-from vehicles.suspensions.tables import AxleTables
+from canroll.vehicles.load import from_table
+from canroll.vehicles.model import SensorChannel, Vehicle
+from canroll.vehicles.suspensions.tables import AxleTables
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "file-formats.md").read_text(encoding="utf-8")

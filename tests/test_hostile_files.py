@@ -19,19 +19,18 @@ import tomli_w
 from scipy.io import savemat
 from support import hostile_formats as formats
 
-import vehicles
-from canroll import documents
+from canroll import documents, vehicles
+from canroll.codegen.generated import bus_map
 from canroll.errors import CanrollError
 from canroll.extensions.campaign import campaign_file
 from canroll.extensions.exchange.fmi import map_file
+from canroll.gain_gen.calibration import calibration_file
+from canroll.gain_gen.laws.custom import read_matrices
+from canroll.plant_sim.can_bus import load_profile
+from canroll.plant_sim.can_bus.traffic.files import load_traffic
+from canroll.plant_sim.can_bus.traffic.log_playback import load_recording
+from canroll.plant_sim.faults.language import read_file as read_faults
 from canroll.runs import saved_run
-from codegen.generated import bus_map
-from gain_gen.calibration import calibration_file
-from gain_gen.laws.custom import read_matrices
-from plant_sim.can_bus import load_profile
-from plant_sim.can_bus.traffic.files import load_traffic
-from plant_sim.can_bus.traffic.log_playback import load_recording
-from plant_sim.faults.language import read_file as read_faults
 
 TESTS = Path(__file__).parent
 ROUNDS = 40

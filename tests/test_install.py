@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from codegen.run import cortex
-from tools.floors import PACKAGES
+from canroll.codegen.run import cortex
+from tools.floors import LINKED
 
 pytestmark = pytest.mark.long
 
 ROOT = Path(__file__).parents[1]
-INSTALLED = [package for package in PACKAGES if package != "tools"]
+INSTALLED = ["canroll", *(f"canroll.{package}" for package in LINKED)]
 OURS = ("canroll", "__editable__", "_virtualenv", "distutils-precedence")
 EXTRAS = ("asammdf", "unicorn", "ziglang")
 """Packages that come with an extra only, left out of the new environment."""
@@ -26,9 +26,9 @@ EXTRAS = ("asammdf", "unicorn", "ziglang")
 def wheel(tmp_path_factory):
     """Return the wheel of this source, built without a network and without traces in it."""
     source, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("wheel")
-    for package in PACKAGES:
-        ignored = shutil.ignore_patterns("__pycache__")
-        shutil.copytree(ROOT / package, source / package, ignore=ignored)
+    ignored = shutil.ignore_patterns("__pycache__")
+    for package in ("canroll", *LINKED):
+        shutil.copytree(ROOT / package, source / package, symlinks=True, ignore=ignored)
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
     options = ["--no-build-isolation", "--no-deps", "--no-index", "--disable-pip-version-check"]
@@ -87,7 +87,7 @@ def test_the_wheel_holds_every_file_of_the_packages_and_no_tools(wheel):
     tracked = {
         path.relative_to(ROOT).as_posix()
         for package in INSTALLED
-        for path in (ROOT / package).rglob("*")
+        for path in (ROOT / package.replace(".", "/")).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
     assert names == tracked

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 import canroll
-import dbc
-import vehicles
-from plant_sim.can_bus import load_profile
-from plant_sim.driving import maneuvers
-from plant_sim.world.world import World
+from canroll import dbc, vehicles
+from canroll.plant_sim.can_bus import load_profile
+from canroll.plant_sim.driving import maneuvers
+from canroll.plant_sim.world.world import World
 
 SETTLED_S = 3.0
 

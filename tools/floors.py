@@ -23,36 +23,47 @@ FLOORS: tuple[tuple[str, ...], ...] = (
         "canroll.typing",
     ),
     ("canroll.registry",),
-    ("plant_sim.kernels", "dbc", "firmware", "vehicles.suspensions", "vehicles.tyres"),
-    ("vehicles", "codegen.operations"),
-    ("vehicles.draws",),
-    ("plant_sim.can_bus.wire", "plant_sim.buses", "codegen.subset"),
-    ("plant_sim.can_bus.kernel", "codegen.proof"),
-    ("plant_sim.can_bus.logs", "codegen.c99"),
-    ("plant_sim.can_bus.traffic", "codegen.frame"),
-    ("codegen.generated",),
-    ("plant_sim.can_bus.network",),
-    ("plant_sim.can_bus.bounds", "plant_sim.can_bus.simulation"),
-    ("plant_sim.can_bus",),
-    ("plant_sim.can_bus.servers", "codegen.run"),
     (
-        "plant_sim.bodies",
-        "codegen.export.sessions",
-        "codegen.worst_case",
-        "gain_gen.models",
+        "canroll.plant_sim.kernels",
+        "canroll.dbc",
+        "canroll.firmware",
+        "canroll.vehicles.suspensions",
+        "canroll.vehicles.tyres",
     ),
-    ("plant_sim.nodes", "plant_sim.driving", "codegen.export", "gain_gen.analysis"),
-    ("plant_sim.faults", "gain_gen.laws"),
-    ("plant_sim.world",),
-    ("gain_gen.monitors", "gain_gen.output_feedback"),
-    ("gain_gen.calibration",),
-    ("gain_gen",),
+    ("canroll.vehicles", "canroll.codegen.operations"),
+    ("canroll.vehicles.draws",),
+    ("canroll.plant_sim.can_bus.wire", "canroll.plant_sim.buses", "canroll.codegen.subset"),
+    ("canroll.plant_sim.can_bus.kernel", "canroll.codegen.proof"),
+    ("canroll.plant_sim.can_bus.logs", "canroll.codegen.c99"),
+    ("canroll.plant_sim.can_bus.traffic", "canroll.codegen.frame"),
+    ("canroll.codegen.generated",),
+    ("canroll.plant_sim.can_bus.network",),
+    ("canroll.plant_sim.can_bus.bounds", "canroll.plant_sim.can_bus.simulation"),
+    ("canroll.plant_sim.can_bus",),
+    ("canroll.plant_sim.can_bus.servers", "canroll.codegen.run"),
+    (
+        "canroll.plant_sim.bodies",
+        "canroll.codegen.export.sessions",
+        "canroll.codegen.worst_case",
+        "canroll.gain_gen.models",
+    ),
+    (
+        "canroll.plant_sim.nodes",
+        "canroll.plant_sim.driving",
+        "canroll.codegen.export",
+        "canroll.gain_gen.analysis",
+    ),
+    ("canroll.plant_sim.faults", "canroll.gain_gen.laws"),
+    ("canroll.plant_sim.world",),
+    ("canroll.gain_gen.monitors", "canroll.gain_gen.output_feedback"),
+    ("canroll.gain_gen.calibration",),
+    ("canroll.gain_gen",),
     ("canroll.reaction", "canroll.network", "canroll.setup"),
     ("canroll.runs",),
-    ("canroll.cases", "hil.hardware"),
-    ("hil",),
+    ("canroll.cases", "canroll.hil.hardware"),
+    ("canroll.hil",),
     ("canroll.report",),
-    ("canroll.studies", "canroll.handling", "hil.watch"),
+    ("canroll.studies", "canroll.handling", "canroll.hil.watch"),
     ("canroll.cli",),
     ("canroll",),
     (
@@ -94,10 +105,10 @@ GROUND = tuple(
 )
 """Files of ``canroll`` that all may import; the rest of it is on the highest floor."""
 BASE = "base of canroll"
-LOOP = "firmware"
+LOOP = "canroll.firmware"
 """The integer subset; its parser refuses modules that import each other."""
-PACKAGES = ("canroll", "codegen", "dbc", "firmware", "gain_gen", "hil", "plant_sim", "tools")
-PACKAGES += ("vehicles",)
+LINKED = ("codegen", "dbc", "firmware", "gain_gen", "hil", "plant_sim", "vehicles")
+"""Folders at the top that are packages of ``canroll``, by links in its folder."""
 
 Graph = Mapping[str, frozenset[str]]
 
@@ -106,8 +117,8 @@ def modules(root: Path = ROOT) -> dict[str, Path]:
     """Return the modules of the project by dotted name; a package is its ``__init__.py``."""
     return {
         ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__"): path
-        for package in PACKAGES
-        for path in sorted((root / package).rglob("*.py"))
+        for folder in ("canroll", *(f"canroll/{name}" for name in LINKED), "tools")
+        for path in sorted((root / folder).rglob("*.py"))
     }
 
 
@@ -134,7 +145,7 @@ def room_of(module: str, known: Mapping[str, Path]) -> str:
     """Return the room of a module; the ECU's loop is one, whatever folders it has."""
     if module in GROUND:
         return module
-    if module.split(".", maxsplit=1)[0] == LOOP:
+    if f"{module}.".startswith(f"{LOOP}."):
         return LOOP
     package = known[module].name == "__init__.py"
     return module if package else module.rpartition(".")[0]
@@ -200,7 +211,8 @@ def _part(room: str) -> str:
     within = room.partition("canroll.extensions.")[2]
     if within:
         return f"extension {within.partition('.')[0]}"
-    return room if room.startswith("canroll") else room.partition(".")[0]
+    package = room.removeprefix("canroll.").partition(".")[0]
+    return package if package in (*LINKED, "tools") else room
 
 
 def _id(part: str) -> str:

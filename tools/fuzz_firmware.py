@@ -19,14 +19,14 @@ from typing import Any
 
 import numpy as np
 
+from canroll.codegen.generated.mailbox import Mailbox
+from canroll.codegen.run import ecu_traffic, memory_image, native
+from canroll.codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_services
+from canroll.dbc.reader import Files, paths_of
 from canroll.errors import CanrollError
 from canroll.extensions.services.running import uds_frames, xcp_frames
-from codegen.generated.mailbox import Mailbox
-from codegen.run import ecu_traffic, memory_image, native
-from codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_services
-from dbc.reader import Files, paths_of
-from firmware.calibration import Calibration
-from firmware.subset import fields
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.subset import fields
 from tools.recorded_traffic import CASES, Recording, record
 
 FLAGS = (

@@ -6,11 +6,11 @@ a design of the gain generator on its own plant.
 
 from dataclasses import dataclass
 
+from canroll.codegen.run.backends import Recorder, open_backend
+from canroll.codegen.run.ecu_traffic import EcuTraffic
+from canroll.firmware.calibration import Calibration
 from canroll.runs.experiment import build_world, plan
 from canroll.runs.virtual_time import closed_loop
-from codegen.run.backends import Recorder, open_backend
-from codegen.run.ecu_traffic import EcuTraffic
-from firmware.calibration import Calibration
 
 DURATION = 10.0
 

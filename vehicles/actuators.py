@@ -1,7 +1,7 @@
 """The kinds of roll actuators by name: numbers, commands and limits on a vehicle.
 
 All else reads a kind from :data:`ACTUATORS`; only the kernel of a kind
-(:mod:`plant_sim.nodes.actuator_models`) and the firmware's allocation branch on its number.
+(:mod:`canroll.plant_sim.nodes.actuator_models`) and the firmware's allocation branch on its number.
 """
 
 from abc import ABC, abstractmethod
@@ -9,8 +9,8 @@ from collections.abc import Callable
 from math import inf
 from typing import ClassVar, NamedTuple
 
-from vehicles.axles import axles
-from vehicles.model import Vehicle
+from canroll.vehicles.axles import axles
+from canroll.vehicles.model import Vehicle
 
 MILLI = 1e3
 LEAST_SHARE = 1e-3

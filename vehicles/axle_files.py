@@ -12,11 +12,18 @@ from pathlib import Path
 from typing import Any
 
 from canroll.errors import CanrollError
-from vehicles import tyre_files
-from vehicles.axles import Axle, axles, rebound_ratio
-from vehicles.model import GRAVITY, RollModel, Vehicle
-from vehicles.suspensions.tables import AXLES, OF_FRONT, SECTION, VehicleTables, files_of, section
-from vehicles.suspensions.wheel import installed
+from canroll.vehicles import tyre_files
+from canroll.vehicles.axles import Axle, axles, rebound_ratio
+from canroll.vehicles.model import GRAVITY, RollModel, Vehicle
+from canroll.vehicles.suspensions.tables import (
+    AXLES,
+    OF_FRONT,
+    SECTION,
+    VehicleTables,
+    files_of,
+    section,
+)
+from canroll.vehicles.suspensions.wheel import installed
 
 OF_BARS = ("plant.roll_stiffness", "suspension.roll_stiffness_front_share")
 BOTH: Mapping[str, tuple[str, ...]] = {
@@ -65,8 +72,8 @@ def of_section(given: Any, where: str, folder: Path | None = None) -> VehicleTab
         folder: that its files' paths are relative to; None if it must not name any.
 
     Raises:
-        CanrollError: see :func:`vehicles.suspensions.tables.section`, or an axle lacks a table that
-            the other has.
+        CanrollError: see :func:`canroll.vehicles.suspensions.tables.section`, or an axle lacks a
+            table that the other has.
     """
     tables = section(given, where, folder)
     for kind in BOTH:
@@ -258,7 +265,7 @@ def _of_stops(both: Sequence[Axle]) -> dict[str, float]:
 
 def _of_bars(vehicle: Vehicle) -> dict[str, float]:
     """Roll stiffness of the car on its springs, bars and tyres, and the front axle's share."""
-    from vehicles.roll_stiffness import steady_roll  # noqa: PLC0415 - scipy, which only bars need
+    from canroll.vehicles.roll_stiffness import steady_roll  # noqa: PLC0415 - scipy, which only bars need
 
     assert vehicle.axles is not None
     parts = [

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 from math import prod
 
-from vehicles.model import GRAVITY, Vehicle
-from vehicles.suspensions.curve import Curve
-from vehicles.suspensions.tables import SECTION, AxleTables
-from vehicles.suspensions.wheel import WheelCurves, at_rest
-from vehicles.tyres import Similarity, TyreModel
-from vehicles.tyres.magic_formula import MagicFormula
+from canroll.vehicles.model import GRAVITY, Vehicle
+from canroll.vehicles.suspensions.curve import Curve
+from canroll.vehicles.suspensions.tables import SECTION, AxleTables
+from canroll.vehicles.suspensions.wheel import WheelCurves, at_rest
+from canroll.vehicles.tyres import Similarity, TyreModel
+from canroll.vehicles.tyres.magic_formula import MagicFormula
 
 TYRES: dict[str, type[TyreModel]] = {"similarity": Similarity, "magic_formula": MagicFormula}
 """Tyre models by name, in the order of their kernels."""

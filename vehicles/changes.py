@@ -5,16 +5,16 @@ from copy import deepcopy
 from typing import Any
 
 from canroll.errors import UnknownNameError
-from vehicles import axle_files, fit_spread
-from vehicles.load import from_table
-from vehicles.model import WORDS, Vehicle
-from vehicles.plausible import KEYS
+from canroll.vehicles import axle_files, fit_spread
+from canroll.vehicles.load import from_table
+from canroll.vehicles.model import WORDS, Vehicle
+from canroll.vehicles.plausible import KEYS
 
 GIVEN = "given as a change"
 
 
 def changed(vehicle: Vehicle, changes: Mapping[str, Any], *, name: str = "") -> Vehicle:
-    """Return ``vehicle`` with ``changes``: see :meth:`vehicles.Vehicle.replace`.
+    """Return ``vehicle`` with ``changes``: see :meth:`canroll.vehicles.Vehicle.replace`.
 
     The plausibility of keys other than the changed ones is not checked again.
     """

@@ -5,7 +5,7 @@ from dataclasses import fields, is_dataclass
 from math import degrees, isfinite
 from typing import Any
 
-from vehicles.model import RollModel, Vehicle
+from canroll.vehicles.model import RollModel, Vehicle
 
 SIGNED = (
     "imu_position",

@@ -27,9 +27,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.axles import axles
-from vehicles.equipment import ElectroHydraulicBars
-from vehicles.model import GRAVITY, Vehicle
+from canroll.vehicles.axles import axles
+from canroll.vehicles.equipment import ElectroHydraulicBars
+from canroll.vehicles.model import GRAVITY, Vehicle
 
 STATES = (
     *("heave", "pitch", "roll", "hop_fl", "hop_fr", "hop_rl", "hop_rr"),

@@ -10,13 +10,13 @@ from canroll.arguments import checked
 from canroll.documents import parse_toml, refuse_other
 from canroll.documents import text as read_text
 from canroll.errors import CanrollError, UnknownNameError, reason
-from vehicles import axle_files, fit_spread, tyre_files
-from vehicles.axle_files import followed
-from vehicles.check import problems, signs
-from vehicles.model import SCHEMA, Aerodynamics, Empty, Vehicle
-from vehicles.plausible import implausible, outside
-from vehicles.short import completed, is_short
-from vehicles.suspensions import tables
+from canroll.vehicles import axle_files, fit_spread, tyre_files
+from canroll.vehicles.axle_files import followed
+from canroll.vehicles.check import problems, signs
+from canroll.vehicles.model import SCHEMA, Aerodynamics, Empty, Vehicle
+from canroll.vehicles.plausible import implausible, outside
+from canroll.vehicles.short import completed, is_short
+from canroll.vehicles.suspensions import tables
 
 _FOLDER = Path(__file__).parent
 _SECTIONS = (
@@ -47,8 +47,8 @@ def load(vehicle: Vehicle | Path | str | Mapping[str, Any]) -> Vehicle:
     Args:
         vehicle: a name of :func:`names`, a path (anything that ends in ``.toml`` or contains a
             separator), the table of a vehicle file, or a vehicle, as derived from another one by
-            :meth:`vehicles.Vehicle.replace`. Files and tables may be short: see
-            :mod:`vehicles.short`; a table's references are relative to the current folder.
+            :meth:`canroll.vehicles.Vehicle.replace`. Files and tables may be short: see
+            :mod:`canroll.vehicles.short`; a table's references are relative to the current folder.
 
     Raises:
         UnknownNameError: there is no preset of that name; the message suggests the nearest.
@@ -134,7 +134,7 @@ def embedded(table: object, *, reference: str, fingerprint: object, where: str) 
     """Return the vehicle whose document is part of another file.
 
     Args:
-        table: its :attr:`vehicles.model.Vehicle.document`.
+        table: its :attr:`canroll.vehicles.model.Vehicle.document`.
         reference: its name or file.
         fingerprint: its fingerprint when it was written.
         where: file and key, which begin every error message.
@@ -181,8 +181,8 @@ def from_table(
     """Build a vehicle from a complete table.
 
     Args:
-        table: of a vehicle file or :attr:`vehicles.Vehicle.document`; without ``design`` it is the
-            plant's.
+        table: of a vehicle file or :attr:`canroll.vehicles.Vehicle.document`; without ``design`` it
+            is the plant's.
         name: of the vehicle.
         where: begins every error message.
         unusual: keys that may be implausible; None: every key.

@@ -11,7 +11,7 @@ from math import degrees, inf, pi, sqrt
 from pkgutil import resolve_name
 from typing import Any
 
-from vehicles.equipment import (
+from canroll.vehicles.equipment import (
     Actuators,
     Aerodynamics,
     ElectroHydraulicBars,
@@ -19,8 +19,8 @@ from vehicles.equipment import (
     SensorChannel,
     Sensors,
 )
-from vehicles.fit_spread import FitSpread
-from vehicles.suspensions.tables import SECTION, VehicleTables
+from canroll.vehicles.fit_spread import FitSpread
+from canroll.vehicles.suspensions.tables import SECTION, VehicleTables
 
 __all__ = [
     "GRAVITY",
@@ -209,7 +209,7 @@ class Tyre:
 class TyreFiles:
     """Coefficients of the tyres of both axles by the keys of their .tir files.
 
-    See :mod:`vehicles.tyres.magic_formula`. ``TYRESIDE`` is 1 for left and -1 for right.
+    See :mod:`canroll.vehicles.tyres.magic_formula`. ``TYRESIDE`` is 1 for left and -1 for right.
     """
 
     front: dict[str, float] = field(hash=False)
@@ -240,7 +240,7 @@ class Vehicle:
     vehicle, calibrated separately. ``speeds`` holds a default speed (m/s) by manoeuvre name and
     ``lane_offset`` the lateral offset (m) of the double lane change. ``sources`` maps a section or
     ``section.key`` to where its numbers come from. ``file`` is the path of a user's file.
-    ``empty`` is the body without load, if the file has it; see :mod:`vehicles.unladen`.
+    ``empty`` is the body without load, if the file has it; see :mod:`canroll.vehicles.unladen`.
     ``magic_formula`` has the tyres' coefficients, if they are those of .tir files; ``axles`` the
     tables of the axles; ``aerodynamics`` if the file has them, see :attr:`side_wind`; ``fit`` how
     sure the fitted numbers are.
@@ -271,12 +271,12 @@ class Vehicle:
 
     @property
     def reference(self) -> str:
-        """Its reference for :func:`vehicles.load`: the file, or the preset's name."""
+        """Its reference for :func:`canroll.vehicles.load`: the file, or the preset's name."""
         return self.file or self.name
 
     @property
     def document(self) -> dict[str, Any]:
-        """The table of its file: :func:`vehicles.from_table` returns the same vehicle from it.
+        """The table of its file: :func:`canroll.vehicles.from_table` gives the same vehicle.
 
         Speeds are in km/h there, rounded to nine decimals.
         """
@@ -285,10 +285,10 @@ class Vehicle:
         del table["name"], table["file"]
         if self.magic_formula is not None:
             # by name: it reads files of vehicles, whose records are of this class
-            kept = resolve_name("vehicles.tyre_files:standing")(self)
+            kept = resolve_name("canroll.vehicles.tyre_files:standing")(self)
             table["tyre"] = {key: table["tyre"][key] for key in table["tyre"] if key in kept}
         if self.axles is not None:
-            for section, key in resolve_name("vehicles.axle_files:standing")(self):
+            for section, key in resolve_name("canroll.vehicles.axle_files:standing")(self):
                 del table[section][key]
             table[SECTION] = self.axles.document
         speeds = {name: round(3.6 * speed, 9) for name, speed in table.pop("speeds").items()}
@@ -365,7 +365,7 @@ class Vehicle:
         if self.axles is None or not self.axles.moves_wheels:
             return of_tyres
         # by name: it reads vehicles, whose records are of this class
-        front, rear = resolve_name("vehicles.roll_stiffness:axle_steer")(self)
+        front, rear = resolve_name("canroll.vehicles.roll_stiffness:axle_steer")(self)
         return of_tyres - float(front) + float(rear)
 
     def lateral_gain(self, speed: float) -> float:
@@ -400,7 +400,9 @@ class Vehicle:
             CanrollError: the changes make an impossible or implausible vehicle.
         """
         # by name: it reads vehicles, whose records are of this class
-        vehicle: Vehicle = resolve_name("vehicles.changes:changed")(self, changes, name=name)
+        vehicle: Vehicle = resolve_name("canroll.vehicles.changes:changed")(
+            self, changes, name=name
+        )
         return vehicle
 
     def source(self, key: str) -> str:

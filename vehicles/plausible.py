@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from math import degrees, pi, sqrt
 from typing import Any
 
-from vehicles.model import GRAVITY, Vehicle
+from canroll.vehicles.model import GRAVITY, Vehicle
 
 SLIPS = (
     (1e3, "a number in thousands, as N/mm for N/m, t for kg or kN for N"),

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from canroll.errors import CanrollError
-from vehicles.axles import Axle, axles
-from vehicles.model import GRAVITY, Vehicle
+from canroll.vehicles.axles import Axle, axles
+from canroll.vehicles.model import GRAVITY, Vehicle
 
 BELOW = 1.0 - 1e-12
 """Share of what is permitted that rounding cannot make more than that."""

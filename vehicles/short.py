@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from canroll.errors import CanrollError
-from vehicles import axle_files, fit_spread, tyre_files
-from vehicles.model import WORDS, Vehicle
-from vehicles.suspensions.tables import OF_FRONT, SECTION
+from canroll.vehicles import axle_files, fit_spread, tyre_files
+from canroll.vehicles.model import WORDS, Vehicle
+from canroll.vehicles.suspensions.tables import OF_FRONT, SECTION
 
 GIVEN = "given by this file"
 BODY = ("roll_inertia", "sprung_mass", "cg_height_above_roll_axis")

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
-from vehicles.model import Tyre, TyreFiles, Vehicle
-from vehicles.tyres import tir
-from vehicles.tyres.magic_formula import (
+from canroll.vehicles.model import Tyre, TyreFiles, Vehicle
+from canroll.vehicles.tyres import tir
+from canroll.vehicles.tyres.magic_formula import (
     KEYS,
     NEEDED,
     NEW,

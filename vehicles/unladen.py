@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-from vehicles.axle_files import followed
-from vehicles.axles import axles
-from vehicles.model import GRAVITY, Empty, Vehicle
-from vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
+from canroll.vehicles.axle_files import followed
+from canroll.vehicles.axles import axles
+from canroll.vehicles.model import GRAVITY, Empty, Vehicle
+from canroll.vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
 
 MASS_SHARE = 0.75
 """Sprung mass of the empty over that of the laden car, where the vehicle file has no ``empty``."""

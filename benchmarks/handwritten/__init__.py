@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from codegen.c99 import emit
-from firmware.calibration import CONSTANT_GAIN, STATE_FEEDBACK, SUSPENSION
-from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_VEHICLE_MOTION
+from canroll.codegen.c99 import emit
+from canroll.firmware.calibration import CONSTANT_GAIN, STATE_FEEDBACK, SUSPENSION
+from canroll.firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_VEHICLE_MOTION
 
 # what only options that are off would read
 LEFT_OUT = ("work", "detected", "rate_good")

@@ -7,11 +7,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from canroll.codegen.run.memory_image import image
+from canroll.dbc.reader import each
+from canroll.plant_sim.can_bus import load_profile
 from canroll.runs.result import Run
 from canroll.setup.controller import Controller
-from codegen.run.memory_image import image
-from dbc.reader import each
-from plant_sim.can_bus import load_profile
 
 
 def identity(

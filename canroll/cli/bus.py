@@ -7,18 +7,18 @@ from dataclasses import replace
 from canroll.cli import terminal
 from canroll.cli.bus_parsers import DATABASE, LOG, NETWORK, SET
 from canroll.cli.parser import check_mode
+from canroll.codegen.generated.bus_map import MOST_LISTED
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.network.analysis import AnalysisOptions
 from canroll.network.recorded import Added, ExtendedLog
 from canroll.network.show import parts
 from canroll.network.sources import BusNetwork, BusReplay, TrafficSet
+from canroll.plant_sim.buses import BUSES
+from canroll.plant_sim.can_bus.bounds.analysis import ErrorModel
+from canroll.plant_sim.can_bus.network.network_file import is_network, load_profile
+from canroll.plant_sim.can_bus.traffic.files import load_traffic
+from canroll.plant_sim.can_bus.traffic.log_name import LogName, log_name
 from canroll.setup.choices import CHOICES, check
-from codegen.generated.bus_map import MOST_LISTED
-from plant_sim.buses import BUSES
-from plant_sim.can_bus.bounds.analysis import ErrorModel
-from plant_sim.can_bus.network.network_file import is_network, load_profile
-from plant_sim.can_bus.traffic.files import load_traffic
-from plant_sim.can_bus.traffic.log_name import LogName, log_name
 
 MAX_PORT = 65535
 

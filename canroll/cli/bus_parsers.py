@@ -6,7 +6,7 @@ from typing import Any
 from canroll.cli.options import JSON, SECTION, choices
 from canroll.cli.parser import Parser, flag, opt, related
 from canroll.network import COMMANDS, SENSOR
-from plant_sim.can_bus.servers import SOCKETCAND_PORT
+from canroll.plant_sim.can_bus.servers import SOCKETCAND_PORT
 
 LOG, NETWORK, SET, DATABASE = "bus log", "network", "traffic set", "database"
 """What FILE of ``canroll bus`` can be."""

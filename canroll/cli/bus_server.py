@@ -4,12 +4,12 @@ import argparse
 
 from canroll.cli import terminal
 from canroll.errors import CanrollError
-from hil.hardware.interfaces import is_loopback
-from plant_sim.can_bus.kernel.network import build_network
-from plant_sim.can_bus.servers.wall_clock import serve_network
-from plant_sim.can_bus.simulation.response_times import traffic_spec
-from plant_sim.can_bus.traffic.files import Traffic
-from plant_sim.can_bus.wire.frame import FD
+from canroll.hil.hardware.interfaces import is_loopback
+from canroll.plant_sim.can_bus.kernel.network import build_network
+from canroll.plant_sim.can_bus.servers.wall_clock import serve_network
+from canroll.plant_sim.can_bus.simulation.response_times import traffic_spec
+from canroll.plant_sim.can_bus.traffic.files import Traffic
+from canroll.plant_sim.can_bus.wire.frame import FD
 
 
 def serve(traffic: Traffic, args: argparse.Namespace) -> None:

@@ -12,23 +12,23 @@ from canroll.cli.options import (
     choices_of,
 )
 from canroll.cli.terminal import Part
+from canroll.codegen.export.header import gains_header
+from canroll.codegen.generated import own_stage
 from canroll.errors import CanrollError, writing
+from canroll.gain_gen.analysis import loss_of_force
+from canroll.gain_gen.analysis.speed_schedule import with_speed_rate
+from canroll.gain_gen.calibration import calibration_file
+from canroll.gain_gen.calibration.dequantise import physical_notes
+from canroll.gain_gen.calibration.summary import summary, title
+from canroll.gain_gen.calibration.vehicle_part import actuator_moment
+from canroll.gain_gen.models.task import Check, Delay, Design, Task
 from canroll.setup.bus_frames import profile_of, stage_of
 from canroll.setup.choices import check as check_choices
 from canroll.setup.choices import chosen
 from canroll.setup.controller import calibrated, options_of, task_of
-from codegen.export.header import gains_header
-from codegen.generated import own_stage
-from gain_gen.analysis import loss_of_force
-from gain_gen.analysis.speed_schedule import with_speed_rate
-from gain_gen.calibration import calibration_file
-from gain_gen.calibration.dequantise import physical_notes
-from gain_gen.calibration.summary import summary, title
-from gain_gen.calibration.vehicle_part import actuator_moment
-from gain_gen.models.task import Check, Delay, Design, Task
 
 if TYPE_CHECKING:
-    from gain_gen.monitors.detectability import Detectable
+    from canroll.gain_gen.monitors.detectability import Detectable
 
 
 def design_task(args: argparse.Namespace) -> Task:
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
     rows: Sequence[Detectable] = ()
     if args.json or args.verbose or args.uncertainty:
         # the residuals' filters, which take as long to import as all else here
-        from gain_gen.monitors.detectability import of_calibration  # noqa: PLC0415
+        from canroll.gain_gen.monitors.detectability import of_calibration  # noqa: PLC0415
 
         rows = of_calibration(record, answer.task, box)
     written = [str(path) for path in files]

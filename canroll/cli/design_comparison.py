@@ -7,12 +7,12 @@ from typing import Any
 
 from canroll.cli import terminal
 from canroll.errors import CanrollError
+from canroll.gain_gen.analysis.speed_schedule import with_speed_rate
+from canroll.gain_gen.calibration.summary import summary
+from canroll.gain_gen.design import design
+from canroll.gain_gen.laws import LAWS
+from canroll.gain_gen.models.task import Design, Task
 from canroll.report.page import PageTable
-from gain_gen.analysis.speed_schedule import with_speed_rate
-from gain_gen.calibration.summary import summary
-from gain_gen.design import design
-from gain_gen.laws import LAWS
-from gain_gen.models.task import Design, Task
 
 
 def compare(args: argparse.Namespace, task: Task) -> int:

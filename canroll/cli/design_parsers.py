@@ -18,8 +18,8 @@ from canroll.cli.options import (
     verbose,
 )
 from canroll.cli.parser import Parser, flag, opt, related, repeated
-from codegen.export.prefix import DEFAULT
-from codegen.run import BACKENDS
+from canroll.codegen.export.prefix import DEFAULT
+from canroll.codegen.run import BACKENDS
 
 DEFAULT_DELAY_MS = 20.0
 OF_A_DESIGN = (

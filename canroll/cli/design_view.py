@@ -4,13 +4,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from math import inf, isfinite
 from typing import TYPE_CHECKING
 
+from canroll.gain_gen.calibration.summary import summary
+from canroll.gain_gen.models.task import UNITS, Check, Design
 from canroll.report.page import PageTable
-from gain_gen.calibration.summary import summary
-from gain_gen.models.task import UNITS, Check, Design
 
 if TYPE_CHECKING:
-    from gain_gen.monitors.detectability import Detectable
-    from gain_gen.monitors.uncertainty import Uncertainty
+    from canroll.gain_gen.monitors.detectability import Detectable
+    from canroll.gain_gen.monitors.uncertainty import Uncertainty
 
 LABELS = {
     "spectral_radius": "spectral radius",
@@ -99,7 +99,7 @@ def over_draws(numbers: Mapping[str, float], delay_margin: float) -> Iterator[st
     """Yield the lines on the draws of the vehicle's fit, if it has one.
 
     Args:
-        numbers: of :func:`gain_gen.analysis.fitted_family.margins_of_draws`, among others.
+        numbers: of :func:`canroll.gain_gen.analysis.fitted_family.margins_of_draws`, among others.
         delay_margin: of all draws over the longest delay, s.
     """
     if "draws" not in numbers:

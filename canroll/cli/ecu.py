@@ -4,8 +4,7 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
-import dbc
-import vehicles
+from canroll import dbc, vehicles
 from canroll.cli import terminal
 from canroll.cli.options import choices_of, chosen_services, folder_of
 from canroll.cli.parser import check_mode
@@ -18,7 +17,27 @@ from canroll.cli.realtime_parsers import (
     PEER_TIMEOUT,
     TRACE,
 )
+from canroll.codegen.generated.mailbox_frame import with_signals
+from canroll.codegen.run.backends import Backend, default_backend, open_backend
+from canroll.codegen.run.bus_firmware import BusFirmware, with_services
+from canroll.codegen.run.secured import SecuredEcu
+from canroll.codegen.run.services import open_ecu
+from canroll.dbc.reader import paths_of
 from canroll.errors import CanrollError, VerdictError
+from canroll.firmware.event_trigger import command_slot
+from canroll.firmware.state import RX_IMU
+from canroll.gain_gen.calibration.calibration_file import LoadedCalibration
+from canroll.gain_gen.calibration.calibration_file import load as load_calibration
+from canroll.hil import ecu_loop, lockstep, process, tick_trace, warm
+from canroll.hil.bus_link import CanLink, open_link
+from canroll.hil.hardware import bus_record, lasting
+from canroll.hil.phase_lock import PhaseLock
+from canroll.hil.plant_loop import sent_by, sent_to
+from canroll.plant_sim.buses import LOGS
+from canroll.plant_sim.can_bus import BusProfile
+from canroll.plant_sim.can_bus.network.own_frames import secured
+from canroll.plant_sim.can_bus.traffic.log_name import log_name
+from canroll.plant_sim.can_bus.traffic.log_reader import read_log, select_channel
 from canroll.report.run_folder import write_page
 from canroll.report.staging import page_folder
 from canroll.runs import phase
@@ -33,27 +52,7 @@ from canroll.setup.choice import several
 from canroll.studies import recorded_drive
 from canroll.studies.recorded_drive_page import drive_page, reception_table
 from canroll.studies.recursive_estimate import estimate_table, estimates
-from codegen.generated.mailbox_frame import with_signals
-from codegen.run.backends import Backend, default_backend, open_backend
-from codegen.run.bus_firmware import BusFirmware, with_services
-from codegen.run.secured import SecuredEcu
-from codegen.run.services import open_ecu
-from dbc.reader import paths_of
-from firmware.event_trigger import command_slot
-from firmware.state import RX_IMU
-from gain_gen.calibration.calibration_file import LoadedCalibration
-from gain_gen.calibration.calibration_file import load as load_calibration
-from hil import ecu_loop, lockstep, process, tick_trace, warm
-from hil.bus_link import CanLink, open_link
-from hil.hardware import bus_record, lasting
-from hil.phase_lock import PhaseLock
-from hil.plant_loop import sent_by, sent_to
-from plant_sim.buses import LOGS
-from plant_sim.can_bus import BusProfile
-from plant_sim.can_bus.network.own_frames import secured
-from plant_sim.can_bus.traffic.log_name import log_name
-from plant_sim.can_bus.traffic.log_reader import read_log, select_channel
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 MODES = dbc.names("RollControlStatus", "Mode")
 TRACE_SUFFIX = ".npz"

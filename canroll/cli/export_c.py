@@ -12,23 +12,23 @@ import numpy as np
 from canroll.cli.design_parsers import OF_AN_EXPORT
 from canroll.cli.options import choices_of, chosen_services
 from canroll.cli.terminal import show, warnings
+from canroll.codegen.export import a2l, bundle, prefix
+from canroll.codegen.export.header import gains_header
+from canroll.codegen.generated import signals
+from canroll.codegen.generated.bus_map import load as load_map
+from canroll.codegen.run import ecu_traffic, memory_image
+from canroll.codegen.run.ecu_traffic import EcuTraffic
+from canroll.codegen.run.service import SERVICES
+from canroll.dbc.reader import paths_of
 from canroll.errors import CanrollError, writing
+from canroll.gain_gen.calibration import calibration_file
+from canroll.gain_gen.calibration.dequantise import physical_notes
+from canroll.gain_gen.calibration.record import identify
 from canroll.runs.experiment import plan
 from canroll.runs.result import Run
 from canroll.runs.traffic import record_traffic
 from canroll.setup.bus_frames import refuse_wide_steps
 from canroll.setup.controller import Controller
-from codegen.export import a2l, bundle, prefix
-from codegen.export.header import gains_header
-from codegen.generated import signals
-from codegen.generated.bus_map import load as load_map
-from codegen.run import ecu_traffic, memory_image
-from codegen.run.ecu_traffic import EcuTraffic
-from codegen.run.service import SERVICES
-from dbc.reader import paths_of
-from gain_gen.calibration import calibration_file
-from gain_gen.calibration.dequantise import physical_notes
-from gain_gen.calibration.record import identify
 
 HOSTILE_TICKS = 200
 RECORDED_S = 3.0

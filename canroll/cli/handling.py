@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any, Generic, TypeVar
 
-import vehicles
+from canroll import vehicles
 from canroll.cli import terminal
 from canroll.cli.options import choices_of
 from canroll.cli.run_parsers import CONTROL
@@ -17,15 +17,15 @@ from canroll.handling import linear_response as linear
 from canroll.handling import linear_response_view as linear_view
 from canroll.handling.controlled_handling import Pair, compared, limit_of
 from canroll.handling.response_figure import draw
+from canroll.plant_sim import bodies
+from canroll.plant_sim.driving import maneuvers
+from canroll.plant_sim.world import handling
+from canroll.plant_sim.world.handling import LINEAR_ACCELERATION as UP_TO
+from canroll.plant_sim.world.handling import Drive
 from canroll.runs import experiment
 from canroll.setup.choices import PASSIVE, chosen
 from canroll.setup.controller import Controller
-from plant_sim import bodies
-from plant_sim.driving import maneuvers
-from plant_sim.world import handling
-from plant_sim.world.handling import LINEAR_ACCELERATION as UP_TO
-from plant_sim.world.handling import Drive
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 LARGEST_ACCELERATION = 12.0
 """Above the grip of any tyre on a road (m/s²)."""

@@ -11,14 +11,14 @@ import can
 from canroll.cli import run_view, terminal
 from canroll.cli.options import OF_A_RUN, choices_of, folder_of
 from canroll.errors import CanrollError
+from canroll.hil import hil_run
+from canroll.hil.hardware.bus_options import has_bus, options_of
+from canroll.hil.hardware.interfaces import INTERFACES, is_shared
 from canroll.report import signal_files
 from canroll.report.run_folder import write_files, write_text
 from canroll.report.staging import check_parent, usable_folder
 from canroll.runs.logs import check_suffix, write_log
 from canroll.runs.virtual_time import Interrupted
-from hil import hil_run
-from hil.hardware.bus_options import has_bus, options_of
-from hil.hardware.interfaces import INTERFACES, is_shared
 
 
 def bus_options(args: argparse.Namespace) -> list[str]:

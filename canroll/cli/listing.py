@@ -5,17 +5,17 @@ import json
 from collections.abc import Iterable, Iterator
 from typing import Any, cast
 
-import vehicles
+from canroll import vehicles
 from canroll.cli.commands import COMMANDS, parser_of
 from canroll.cli.options import JSON, path_named
 from canroll.cli.parser import Parser, opt, related
 from canroll.errors import optional
+from canroll.gain_gen.laws import LAWS
+from canroll.plant_sim.bodies import BODIES
+from canroll.plant_sim.buses import BUSES
+from canroll.plant_sim.driving import MANEUVERS
 from canroll.registry import BUILT_IN, Registry
 from canroll.setup.choices import CHOICES
-from gain_gen.laws import LAWS
-from plant_sim.bodies import BODIES
-from plant_sim.buses import BUSES
-from plant_sim.driving import MANEUVERS
 
 KINDS = ("laws", "vehicles", "scenarios", "options", "buses", "bodies")
 COMPLETION = "completion"
@@ -69,7 +69,7 @@ def entries(kind: str) -> list[dict[str, str]]:
 
 
 def _options() -> Iterator[dict[str, str]]:
-    from plant_sim.driving import maneuvers  # noqa: PLC0415 - numpy, which only this needs
+    from canroll.plant_sim.driving import maneuvers  # noqa: PLC0415 - numpy, which only this needs
 
     for scenario in MANEUVERS:
         for key, default in maneuvers.options(scenario).items():

@@ -8,16 +8,15 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import vehicles
+from canroll import vehicles
 from canroll.cli import design_view, terminal
 from canroll.cli.options import by_key
 from canroll.cli.terminal import Part
 from canroll.errors import writing
-from canroll.report.page import PageTable
-from gain_gen.analysis.family import Condition, FamilyMargins
-from gain_gen.analysis.margins import Margins
-from gain_gen.calibration import calibration_file
-from gain_gen.margin_report import (
+from canroll.gain_gen.analysis.family import Condition, FamilyMargins
+from canroll.gain_gen.analysis.margins import Margins
+from canroll.gain_gen.calibration import calibration_file
+from canroll.gain_gen.margin_report import (
     DelayMargin,
     MarginReport,
     admits,
@@ -25,9 +24,10 @@ from gain_gen.margin_report import (
     task_of,
     to_json,
 )
-from gain_gen.models.task import UNVERIFIED
-from gain_gen.monitors.detectability import Detectable, of_calibration
-from gain_gen.monitors.uncertainty import stated
+from canroll.gain_gen.models.task import UNVERIFIED
+from canroll.gain_gen.monitors.detectability import Detectable, of_calibration
+from canroll.gain_gen.monitors.uncertainty import stated
+from canroll.report.page import PageTable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

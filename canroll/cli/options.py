@@ -8,13 +8,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import vehicles
+from canroll import vehicles
 from canroll.cli.parser import FROZEN, RARE, Option, Parser, Relations, flag, opt, repeated
+from canroll.codegen.run.service import SERVICES, with_implied
 from canroll.errors import CanrollError, UnknownNameError
+from canroll.plant_sim.driving import MANEUVERS
 from canroll.setup.choice import Choice, one_or_several, several
 from canroll.setup.choices import CHOICES, chosen
-from codegen.run.service import SERVICES, with_implied
-from plant_sim.driving import MANEUVERS
 
 DEFAULT_OUT = Path("out")
 VEHICLE_SET = "--vehicle-set"

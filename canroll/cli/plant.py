@@ -4,11 +4,21 @@ import argparse
 
 import numpy as np
 
-import vehicles
+from canroll import vehicles
 from canroll.cli.ecu import check_memory, nanoseconds, peer_timeout
 from canroll.cli.options import choices_of
 from canroll.cli.parser import refuse
 from canroll.errors import CanrollError, VerdictError, writing
+from canroll.hil import lockstep, own_bus, plant_loop, plant_record, process, warm
+from canroll.hil.bus_link import Link, open_link
+from canroll.hil.hardware import bus_record, lasting
+from canroll.hil.hardware.bus_options import has_bus, parsed_options
+from canroll.hil.hardware.interfaces import is_loopback
+from canroll.hil.plant_loop import PlantOutcome
+from canroll.plant_sim.faults import parse_all
+from canroll.plant_sim.world import archive
+from canroll.plant_sim.world.fault_parts import outages
+from canroll.plant_sim.world.world import World
 from canroll.report import signal_files
 from canroll.report.staging import check_parent
 from canroll.runs import logs, phase
@@ -17,16 +27,6 @@ from canroll.runs.result import Run
 from canroll.runs.trace import entries
 from canroll.setup.bus_frames import firmware_of, profile_of
 from canroll.setup.choices import chosen
-from hil import lockstep, own_bus, plant_loop, plant_record, process, warm
-from hil.bus_link import Link, open_link
-from hil.hardware import bus_record, lasting
-from hil.hardware.bus_options import has_bus, parsed_options
-from hil.hardware.interfaces import is_loopback
-from hil.plant_loop import PlantOutcome
-from plant_sim.faults import parse_all
-from plant_sim.world import archive
-from plant_sim.world.fault_parts import outages
-from plant_sim.world.world import World
 
 ECU = "RollControl"
 """Name of the ECU among the senders that the vehicle's nodes remember."""

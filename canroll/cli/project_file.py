@@ -10,10 +10,10 @@ from typing import Any
 
 from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reading
+from canroll.plant_sim.bodies import BODIES
 from canroll.registry import TRUST
 from canroll.setup.choices import CHOICES, PROJECT_FILE
 from canroll.setup.words import arguments
-from plant_sim.bodies import BODIES
 
 FILE = "canroll.toml"
 FMU = re.compile(r"(?i)\.fmu(#|$)")

@@ -6,20 +6,20 @@ from time import perf_counter
 from canroll.build_cache import key
 from canroll.cli import terminal
 from canroll.cli.options import choices_of
-from canroll.errors import CanrollError
-from canroll.setup.bus_frames import stage_of
-from codegen.proof import prove
-from codegen.run import memory_image
-from codegen.run.bus_firmware import (
+from canroll.codegen.proof import prove
+from canroll.codegen.run import memory_image
+from canroll.codegen.run.bus_firmware import (
     BusFirmware,
     built_in,
     with_services,
     with_stage,
 )
-from codegen.run.service import SERVICES
-from firmware.calibration import Calibration
-from firmware.check import check
-from gain_gen.calibration import calibration_file
+from canroll.codegen.run.service import SERVICES
+from canroll.errors import CanrollError
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.check import check
+from canroll.gain_gen.calibration import calibration_file
+from canroll.setup.bus_frames import stage_of
 
 
 def run(args: argparse.Namespace) -> int:

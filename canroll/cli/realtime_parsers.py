@@ -16,8 +16,8 @@ from canroll.cli.options import (
     services,
 )
 from canroll.cli.parser import Parser, flag, opt, related
+from canroll.hil.hardware.bus_options import add_bus_arguments
 from canroll.setup.choices import CHOICES
-from hil.hardware.bus_options import add_bus_arguments
 
 OF_AN_ECU = ("calibration", "stage", "backend", "bus", "dbc", "map", "key")
 """Choices of an ECU: what it runs, and the frames of its bus."""

@@ -7,11 +7,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-import dbc
+from canroll import dbc
 from canroll.cli import run_view, terminal
 from canroll.cli.options import choices_of, folder_of
 from canroll.cli.parser import check_mode
 from canroll.cli.run_parsers import SAVED
+from canroll.dbc.reader import each
 from canroll.report.run_folder import write_files, write_text
 from canroll.report.run_page import run_page
 from canroll.report.staging import check_parent, usable_folder
@@ -20,7 +21,6 @@ from canroll.runs.logs import check_suffix, write_log
 from canroll.runs.result import Result
 from canroll.runs.trace import Trace
 from canroll.runs.virtual_time import Interrupted
-from dbc.reader import each
 
 if TYPE_CHECKING:
     from canroll.report.signal_files import About

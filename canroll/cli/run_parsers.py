@@ -19,8 +19,8 @@ from canroll.cli.options import (
     verbose,
 )
 from canroll.cli.parser import Parser, flag, opt, related
+from canroll.plant_sim.driving import MANEUVERS
 from canroll.setup.choices import CHOICES
-from plant_sim.driving import MANEUVERS
 
 NEW, SAVED = "new run", "saved run"
 """What SCENARIO of ``canroll run`` can be."""

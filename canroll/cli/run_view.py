@@ -8,6 +8,7 @@ from rich.text import Text
 
 from canroll.cli import terminal
 from canroll.cli.terminal import Part
+from canroll.plant_sim.driving import maneuvers
 from canroll.report.page import PageTable
 from canroll.report.tables import (
     authentication_note,
@@ -19,7 +20,6 @@ from canroll.report.tables import (
 )
 from canroll.runs import standard
 from canroll.runs.result import Result
-from plant_sim.driving import maneuvers
 
 
 def circumstances(result: Result) -> str:
@@ -86,7 +86,7 @@ def of_the_bus(result: Result) -> Iterator[Part]:
 
 def timing(figures: Mapping[str, Any]) -> Iterator[Part]:
     """Yield quantiles, misses, losses, whether the run is valid, and notes."""
-    from hil.timing_rows import QUANTILES, ROWS, bus_lines  # noqa: PLC0415 - of real time alone
+    from canroll.hil.timing_rows import QUANTILES, ROWS, bus_lines  # noqa: PLC0415 - of real time alone
 
     rows = [
         (name, *(f"{of[quantile]:.0f}" for quantile in QUANTILES))

@@ -9,25 +9,25 @@ from typing import TYPE_CHECKING
 
 from canroll.cli import run_view, terminal
 from canroll.cli.options import choices_of
+from canroll.codegen.run import cortex, qemu, unicorn
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.codegen.run.cortex import CortexRun
+from canroll.codegen.run.ecu_traffic import EcuTraffic
+from canroll.codegen.run.specialised import specialised
+from canroll.codegen.worst_case.footprint import Footprint, footprint
 from canroll.errors import CanrollError, MissingExtraError
+from canroll.firmware.calibration import Calibration
+from canroll.hil import session
+from canroll.hil.budget import Budget, budget_of, judge_host, judge_target
+from canroll.plant_sim.can_bus.network.own_frames import most_received
 from canroll.runs import experiment
 from canroll.runs.experiment import plan
 from canroll.runs.result import Run
 from canroll.runs.traffic import record_traffic
 from canroll.setup.controller import Controller
-from codegen.run import cortex, qemu, unicorn
-from codegen.run.bus_firmware import BusFirmware
-from codegen.run.cortex import CortexRun
-from codegen.run.ecu_traffic import EcuTraffic
-from codegen.run.specialised import specialised
-from codegen.worst_case.footprint import Footprint, footprint
-from firmware.calibration import Calibration
-from hil import session
-from hil.budget import Budget, budget_of, judge_host, judge_target
-from plant_sim.can_bus.network.own_frames import most_received
 
 if TYPE_CHECKING:
-    from codegen.worst_case.authentication import Authentication
+    from canroll.codegen.worst_case.authentication import Authentication
 
 
 def run(args: argparse.Namespace) -> int:
@@ -73,7 +73,7 @@ def run_bound(args: argparse.Namespace) -> int:
     """Print the worst case of a tick and the maximum observed; 1 if the budget is exceeded."""
     if importlib.util.find_spec("capstone") is None:
         raise MissingExtraError("reading machine code", "target")
-    from codegen.worst_case import cycles, firmware_bound  # noqa: PLC0415 - need the extra
+    from canroll.codegen.worst_case import cycles, firmware_bound  # noqa: PLC0415 - need the extra
 
     if args.ticks < 1:
         raise CanrollError(f"--ticks must be at least 1, got {args.ticks}")

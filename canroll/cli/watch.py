@@ -13,10 +13,10 @@ from rich.text import Text
 
 from canroll.cli import terminal
 from canroll.cli.ecu import nanoseconds
-from hil import process
-from hil.bus_link import open_link
-from hil.watch.observation import Observation
-from hil.watch.onlooker import Onlooker
+from canroll.hil import process
+from canroll.hil.bus_link import open_link
+from canroll.hil.watch.observation import Observation
+from canroll.hil.watch.onlooker import Onlooker
 
 DEFAULT_BITRATE = 500_000
 REFRESH = 0.1

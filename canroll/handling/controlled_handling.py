@@ -11,18 +11,18 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.firmware.calibration import Q_MOMENT, VALVES, Calibration
+from canroll.firmware.state import ACTIVE
+from canroll.plant_sim.bodies.ports import WHEELS
+from canroll.plant_sim.driving.maneuvers import Maneuver
+from canroll.plant_sim.kernels.instants import STEP_NS
+from canroll.plant_sim.world.handling import EVALUATED, Drive
+from canroll.plant_sim.world.recording import Kept
 from canroll.runs.experiment import drive
 from canroll.runs.result import Run
 from canroll.runs.trace import Trace
 from canroll.setup.controller import Controller
 from canroll.typing import Progress
-from firmware.calibration import Q_MOMENT, VALVES, Calibration
-from firmware.state import ACTIVE
-from plant_sim.bodies.ports import WHEELS
-from plant_sim.driving.maneuvers import Maneuver
-from plant_sim.kernels.instants import STEP_NS
-from plant_sim.world.handling import EVALUATED, Drive
-from plant_sim.world.recording import Kept
 
 Test = TypeVar("Test")
 
@@ -84,7 +84,7 @@ def compared(
     test: Callable[[Drive], Test],
     progress: Progress | None = None,
 ) -> Pair[Test]:
-    """Return a test of :mod:`plant_sim.world.handling` without and with control.
+    """Return a test of :mod:`canroll.plant_sim.world.handling` without and with control.
 
     Args:
         settings: of the runs but manoeuvre and speed, which are those of the test.

@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.firmware.calibration import VALVES
 from canroll.handling.controlled_handling import Control, Pair, limit_of
 from canroll.handling.response_figure import Panel
-from canroll.report.page import PageTable
-from canroll.setup.controller import Controller
-from firmware.calibration import VALVES
-from plant_sim.world.handling import LINEAR_ACCELERATION as UP_TO
-from plant_sim.world.handling import (
+from canroll.plant_sim.world.handling import LINEAR_ACCELERATION as UP_TO
+from canroll.plant_sim.world.handling import (
     FrequencyResponse,
     SteadyState,
     Understeer,
     characteristic_speed,
 )
-from vehicles import Vehicle
+from canroll.report.page import PageTable
+from canroll.setup.controller import Controller
+from canroll.vehicles import Vehicle
 
 KINDS = {
     "at_limit": "command at its limit",

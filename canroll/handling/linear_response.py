@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
+from canroll.gain_gen.models.linear_car import INPUTS, OUTPUTS, linear_car
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.bodies.ports import Body
+from canroll.plant_sim.world.linearise import IMU_LATERAL_ACCELERATION, Trim, find_trim, linearise
+from canroll.plant_sim.world.modes import Mode, modes
 from canroll.typing import Vector
-from gain_gen.models.linear_car import INPUTS, OUTPUTS, linear_car
-from plant_sim.bodies import ports
-from plant_sim.bodies.ports import Body
-from plant_sim.world.linearise import IMU_LATERAL_ACCELERATION, Trim, find_trim, linearise
-from plant_sim.world.modes import Mode, modes
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 FREQUENCIES = np.geomspace(0.1, 10.0, 81)
 """Where responses are computed and compared (Hz)."""

@@ -12,9 +12,9 @@ from canroll.handling.linear_response import (
     LinearResponse,
 )
 from canroll.handling.response_figure import Panel
+from canroll.plant_sim.bodies import ports
 from canroll.report.page import PageTable
 from canroll.typing import Vector
-from plant_sim.bodies import ports
 
 SHOWN_EVERY = 8
 """Every how many frequencies the printed tables have a row."""

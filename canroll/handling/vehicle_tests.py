@@ -5,21 +5,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Unpack
 
-import vehicles
+from canroll import vehicles
 from canroll.arguments import checked
 from canroll.errors import CanrollError, UnknownNameError
+from canroll.plant_sim import bodies
+from canroll.plant_sim.driving import maneuvers, standards
+from canroll.plant_sim.driving.limit import Limited, limited_by
+from canroll.plant_sim.world import handling
+from canroll.plant_sim.world.handling import FrequencyResponse, SpeedLimit, Understeer
 from canroll.runs import experiment
 from canroll.runs.result import Run
 from canroll.setup.choices import PASSIVE, Choices
 from canroll.setup.controller import Controller
 from canroll.table import Table
-from plant_sim import bodies
-from plant_sim.driving import maneuvers, standards
-from plant_sim.driving.limit import Limited, limited_by
-from plant_sim.world import handling
-from plant_sim.world.handling import FrequencyResponse, SpeedLimit, Understeer
-from vehicles import Vehicle
-from vehicles.unladen import unladen
+from canroll.vehicles import Vehicle
+from canroll.vehicles.unladen import unladen
 
 JUDGED = ("double_lane_change", "fishhook", "j_turn", "moose", "sine_with_dwell")
 """Manoeuvres that have criteria to pass or fail by."""

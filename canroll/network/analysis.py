@@ -7,14 +7,14 @@ from typing import Any
 from canroll.errors import UnknownNameError
 from canroll.network import COMMANDS, SENSOR
 from canroll.network.answer import LoopNames, MessageRow, PathDelay, SegmentAnswer, Times
-from plant_sim.can_bus.bounds.analysis import ErrorModel, ResponseBound
-from plant_sim.can_bus.bounds.delay_bounds import loop_delay
-from plant_sim.can_bus.bounds.holistic import HolisticArrival, arrivals
-from plant_sim.can_bus.network.routing import RoutedNetwork
-from plant_sim.can_bus.simulation.ages import simulate_ages_of_network
-from plant_sim.can_bus.simulation.response_times import NetworkSimulation, simulate_network
-from plant_sim.can_bus.traffic.log_playback import Recording
-from plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.bounds.analysis import ErrorModel, ResponseBound
+from canroll.plant_sim.can_bus.bounds.delay_bounds import loop_delay
+from canroll.plant_sim.can_bus.bounds.holistic import HolisticArrival, arrivals
+from canroll.plant_sim.can_bus.network.routing import RoutedNetwork
+from canroll.plant_sim.can_bus.simulation.ages import simulate_ages_of_network
+from canroll.plant_sim.can_bus.simulation.response_times import NetworkSimulation, simulate_network
+from canroll.plant_sim.can_bus.traffic.log_playback import Recording
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
 
 BESIDE_RECORDING = "the periods of a recording are unknown"
 """Why a message added to a recording has no bound."""

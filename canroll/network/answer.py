@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import VerdictError
-from plant_sim.can_bus.bounds.analysis import ResponseBound, worst_case_utilisation
-from plant_sim.can_bus.bounds.delay_bounds import DelayBounds
-from plant_sim.can_bus.traffic.inference import InferredMessage
-from plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.bounds.analysis import ResponseBound, worst_case_utilisation
+from canroll.plant_sim.can_bus.bounds.delay_bounds import DelayBounds
+from canroll.plant_sim.can_bus.traffic.inference import InferredMessage
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
 
 MS = 1e-6
 """One nanosecond in milliseconds."""

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from canroll.network.answer import MS, Answer, MessageRow, PathDelay, SegmentAnswer, Times
-from plant_sim.can_bus.traffic.inference import InferredMessage
+from canroll.plant_sim.can_bus.traffic.inference import InferredMessage
 
 Keys = Mapping[str, Callable[[MessageRow], Any]]
 

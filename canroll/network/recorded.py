@@ -9,16 +9,16 @@ from canroll.network import COMMANDS
 from canroll.network.analysis import AnalysisOptions, delay_over
 from canroll.network.answer import Answer, LoopNames, MessageRow, SegmentAnswer, Times
 from canroll.network.as_json import log_json
-from plant_sim.buses.profile import BusProfile
-from plant_sim.can_bus.bounds.recorded_load import effects
-from plant_sim.can_bus.network.own_frames import messages_of, own_messages
-from plant_sim.can_bus.network.routing import RoutedNetwork
-from plant_sim.can_bus.simulation.response_times import NetworkSimulation
-from plant_sim.can_bus.traffic.added_messages import joined, missing_from
-from plant_sim.can_bus.traffic.inference import InferredBus, infer_buses
-from plant_sim.can_bus.traffic.log_reader import Progress
-from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.can_bus.wire.frame import REMOTE
+from canroll.plant_sim.buses.profile import BusProfile
+from canroll.plant_sim.can_bus.bounds.recorded_load import effects
+from canroll.plant_sim.can_bus.network.own_frames import messages_of, own_messages
+from canroll.plant_sim.can_bus.network.routing import RoutedNetwork
+from canroll.plant_sim.can_bus.simulation.response_times import NetworkSimulation
+from canroll.plant_sim.can_bus.traffic.added_messages import joined, missing_from
+from canroll.plant_sim.can_bus.traffic.inference import InferredBus, infer_buses
+from canroll.plant_sim.can_bus.traffic.log_reader import Progress
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.wire.frame import REMOTE
 
 _MANY_TOO_CLOSE = 0.01
 """Share of frames that come sooner than the bit rate allows, from which it is reported."""

@@ -13,11 +13,11 @@ from canroll.network.answer import MS, Answer
 from canroll.network.as_json import milliseconds
 from canroll.network.recorded import Added, ExtendedLog
 from canroll.network.sources import BusNetwork, TrafficSet
+from canroll.plant_sim.buses import BUSES
+from canroll.plant_sim.can_bus.network.network_file import is_network, load_profile
+from canroll.plant_sim.can_bus.traffic.files import load_traffic
+from canroll.plant_sim.can_bus.traffic.log_name import log_name
 from canroll.table import Table
-from plant_sim.buses import BUSES
-from plant_sim.can_bus.network.network_file import is_network, load_profile
-from plant_sim.can_bus.traffic.files import load_traffic
-from plant_sim.can_bus.traffic.log_name import log_name
 
 BUILT_IN = "500k"
 """The bus whose frames come onto that of a log."""

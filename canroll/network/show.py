@@ -7,7 +7,7 @@ from rich import box
 from rich.table import Table
 
 from canroll.network.answer import MS, Answer, LoopNames, MessageRow, PathDelay, SegmentAnswer
-from plant_sim.can_bus.bounds.analysis import ResponseBound
+from canroll.plant_sim.can_bus.bounds.analysis import ResponseBound
 
 Column = tuple[str, Callable[[MessageRow], str]]
 

@@ -8,14 +8,14 @@ from typing import Any
 from canroll.network.analysis import AnalysisOptions, delay_over, segments_of
 from canroll.network.answer import Answer
 from canroll.network.as_json import network_json, set_json
-from plant_sim.buses.profile import BusProfile
-from plant_sim.can_bus.bounds.delay_bounds import loop_network
-from plant_sim.can_bus.network.own_frames import messages_of, own_messages
-from plant_sim.can_bus.network.routing import RoutedNetwork
-from plant_sim.can_bus.traffic.files import Traffic
-from plant_sim.can_bus.traffic.log_playback import Recording, load_recording
-from plant_sim.can_bus.traffic.log_reader import Progress
-from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED
+from canroll.plant_sim.buses.profile import BusProfile
+from canroll.plant_sim.can_bus.bounds.delay_bounds import loop_network
+from canroll.plant_sim.can_bus.network.own_frames import messages_of, own_messages
+from canroll.plant_sim.can_bus.network.routing import RoutedNetwork
+from canroll.plant_sim.can_bus.traffic.files import Traffic
+from canroll.plant_sim.can_bus.traffic.log_playback import Recording, load_recording
+from canroll.plant_sim.can_bus.traffic.log_reader import Progress
+from canroll.plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,9 +1,9 @@
 """Fault codes and modes of the ECU in words."""
 
-import dbc
-from firmware import plausibility
-from firmware.com.signals import RX_IDS
-from firmware.state import N_FAULT_CODES
+from canroll import dbc
+from canroll.firmware import plausibility
+from canroll.firmware.com.signals import RX_IDS
+from canroll.firmware.state import N_FAULT_CODES
 
 FAULT_CODES = {
     **{

@@ -14,11 +14,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.firmware.state import ACTIVE
+from canroll.plant_sim.faults import Fault
+from canroll.plant_sim.world.spool import Table, pieces
 from canroll.reaction.fault_codes import FAULT_CODES, MODES
 from canroll.reaction.harm import LIMITS
-from firmware.state import ACTIVE
-from plant_sim.faults import Fault
-from plant_sim.world.spool import Table, pieces
 
 WRONG_MOMENT = 500.0
 """Moment to the wrong side (N·m) that harms if it lasts for :data:`WRONG_TIME` (s)."""

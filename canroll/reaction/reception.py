@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from codegen.run.bus_firmware import BusFirmware
-from codegen.run.memory_image import dtype
-from firmware.calibration import Calibration
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.codegen.run.memory_image import dtype
+from canroll.firmware.calibration import Calibration
 
 FAILURES = {
     "length": "length",

@@ -8,10 +8,10 @@ go of a command that is not renewed.
 
 from dataclasses import replace
 
-from firmware.calibration import Calibration
-from firmware.subset import fields
-from gain_gen.calibration.record import fill, identify
-from plant_sim.faults import Fault, kinds, parse
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.subset import fields
+from canroll.gain_gen.calibration.record import fill, identify
+from canroll.plant_sim.faults import Fault, kinds, parse
 
 OFF = (
     *("redundancy_min", "clock_period", "erratic_scale", "delivery_min", "rolling_min"),

@@ -13,15 +13,15 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from canroll.gain_gen.monitors.bank import TRUST, Bank, Residual, ticks_of, weight
+from canroll.gain_gen.monitors.evaluation import Signals, fading, moved, room
+from canroll.plant_sim.nodes import codec, codec_tables, e2e
+from canroll.plant_sim.nodes.sensors import PER_UNIT
+from canroll.plant_sim.world.received import received_by_ecu
+from canroll.plant_sim.world.spool import Table
 from canroll.reaction.reaction import ObservedTrace
 from canroll.typing import Vector
-from gain_gen.monitors.bank import TRUST, Bank, Residual, ticks_of, weight
-from gain_gen.monitors.evaluation import Signals, fading, moved, room
-from plant_sim.nodes import codec, codec_tables, e2e
-from plant_sim.nodes.sensors import PER_UNIT
-from plant_sim.world.received import received_by_ecu
-from plant_sim.world.spool import Table
-from vehicles import GRAVITY, Vehicle
+from canroll.vehicles import GRAVITY, Vehicle
 
 FORGOTTEN = 5.0
 """Time constants of a residual after which it holds again: less than a hundredth is left."""
@@ -138,7 +138,7 @@ def _share(bank: Bank, residual: Residual, measured: Signals, wrong: Signals) ->
 
 
 def signals_of(values: Signals, vehicle: Vehicle) -> dict[str, Vector]:
-    """Return the signals of a bank (:data:`gain_gen.monitors.bank.SIGNALS`) from measured ones."""
+    """Return :data:`canroll.gain_gen.monitors.bank.SIGNALS` from measured ones."""
     left, right = values["RateFrontLeft"], values["RateFrontRight"]
     rear_left, rear_right = values["RateRearLeft"], values["RateRearRight"]
     speed = values["VehicleSpeed"]

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from canroll.plant_sim.bodies.ports import AXLES, WHEELS
+from canroll.plant_sim.world.spool import blocks, pieces, row_count
 from canroll.report.figure import (
     DASH_DOTTED,
     DASHED,
@@ -27,9 +29,7 @@ from canroll.runs.metrics import (
 )
 from canroll.runs.trace import Trace
 from canroll.typing import Vector
-from plant_sim.bodies.ports import AXLES, WHEELS
-from plant_sim.world.spool import blocks, pieces, row_count
-from vehicles import GRAVITY, Vehicle
+from canroll.vehicles import GRAVITY, Vehicle
 
 PASSIVE_COLOUR = 0
 CONES_COLOUR = 2

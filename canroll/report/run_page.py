@@ -8,6 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from canroll.plant_sim.bodies.ports import WHEELS
+from canroll.plant_sim.driving.maneuvers import written
+from canroll.plant_sim.driving.standards import cones_of
+from canroll.plant_sim.world.spool import pieces
 from canroll.report.curves import Shown, all_figures
 from canroll.report.figure import Figure, Series, histogram, pack
 from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
@@ -27,11 +31,7 @@ from canroll.runs.result import Result
 from canroll.runs.trace import Trace
 from canroll.setup.delay import RUN_TIME
 from canroll.typing import Vector
-from plant_sim.bodies.ports import WHEELS
-from plant_sim.driving.maneuvers import written
-from plant_sim.driving.standards import cones_of
-from plant_sim.world.spool import pieces
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 STANDARD_HEAD = ("", "criterion", "clause", "measured", "limit", "")
 NLT = (
@@ -261,7 +261,7 @@ def _resampled(trace: Trace, step: float) -> list[Vector]:
 
 def timing_table(timing: Mapping[str, Any]) -> PageTable:
     """Return the quantiles of ``timing`` as printed by ``canroll hil --json``."""
-    from hil.timing_rows import QUANTILES, ROWS, bus_lines  # noqa: PLC0415 - of real time alone
+    from canroll.hil.timing_rows import QUANTILES, ROWS, bus_lines  # noqa: PLC0415 - of real time alone
 
     rows: list[list[str | Cell]] = [
         [

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, MissingExtraError, optional, writing
+from canroll.plant_sim.world.recording import unit
+from canroll.plant_sim.world.spool import Table, pieces
 from canroll.registry import Registry
-from plant_sim.world.recording import unit
-from plant_sim.world.spool import Table, pieces
 
 
 @dataclass(frozen=True, slots=True)

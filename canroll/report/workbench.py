@@ -11,7 +11,12 @@ import numpy as np
 from cantools.database.can import Message, Signal
 from numpy.typing import NDArray
 
-import dbc
+from canroll import dbc
+from canroll.dbc.reader import network
+from canroll.plant_sim.can_bus.kernel.layout import DELIVERED, OUTCOMES
+from canroll.plant_sim.can_bus.wire.frame import EXTENDED
+from canroll.plant_sim.world.recording import unit
+from canroll.plant_sim.world.spool import Table, blocks, pieces, row_count
 from canroll.reaction.fault_codes import FAULT_CODES
 from canroll.reaction.reaction import mode_changes
 from canroll.report.columns import column, every, instants, packed_bytes, payloads
@@ -19,12 +24,7 @@ from canroll.report.curves import MOMENT, CurveQuantity, Shown, derived, transfe
 from canroll.runs.metrics import has_wheel_loads
 from canroll.runs.result import Result, Run
 from canroll.runs.trace import TICK, Trace
-from dbc.reader import network
-from plant_sim.can_bus.kernel.layout import DELIVERED, OUTCOMES
-from plant_sim.can_bus.wire.frame import EXTENDED
-from plant_sim.world.recording import unit
-from plant_sim.world.spool import Table, blocks, pieces, row_count
-from vehicles.actuators import ACTUATORS
+from canroll.vehicles.actuators import ACTUATORS
 
 VERSION = 1
 """Of the data, so that a page refuses those of a page with others."""

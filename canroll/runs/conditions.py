@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
+from canroll.plant_sim.faults import parse_all, read_file
+from canroll.plant_sim.nodes import sensors as sensor_setup
+from canroll.plant_sim.nodes.actuators import ActuatorOptions
+from canroll.plant_sim.nodes.sensors import SensorOptions
 from canroll.setup.choice import several
-from plant_sim.faults import parse_all, read_file
-from plant_sim.nodes import sensors as sensor_setup
-from plant_sim.nodes.actuators import ActuatorOptions
-from plant_sim.nodes.sensors import SensorOptions
 
 SENSOR_CONDITIONS = (
     *("noise", "noise_end", "bias", "temperature", "drift"),

@@ -7,9 +7,21 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-import vehicles
+from canroll import vehicles
 from canroll.arguments import checked
+from canroll.codegen.run.backends import open_backend
 from canroll.errors import CanrollError, UnknownNameError
+from canroll.firmware.calibration import ONE
+from canroll.firmware.state import SAFE
+from canroll.gain_gen.models.task import Delay
+from canroll.plant_sim.bodies import body
+from canroll.plant_sim.driving import MANEUVERS, maneuvers, tyre_limits
+from canroll.plant_sim.faults import parse_all
+from canroll.plant_sim.kernels.instants import STEP_NS
+from canroll.plant_sim.world.recording import EVERYTHING, NOTHING, Kept
+from canroll.plant_sim.world.spool import pieces
+from canroll.plant_sim.world.world import World
+from canroll.plant_sim.world.world_parts import check_body
 from canroll.reaction import reaction
 from canroll.runs import conditions as conditions_of
 from canroll.runs import limit_cycle, metrics, phase, standard, steering_replay
@@ -22,18 +34,6 @@ from canroll.setup.choices import PASSIVE, Choices, check, chosen
 from canroll.setup.controller import COMMAND_TIMEOUT, Controller, prepare
 from canroll.setup.delay import sample_to_force
 from canroll.typing import Progress
-from codegen.run.backends import open_backend
-from firmware.calibration import ONE
-from firmware.state import SAFE
-from gain_gen.models.task import Delay
-from plant_sim.bodies import body
-from plant_sim.driving import MANEUVERS, maneuvers, tyre_limits
-from plant_sim.faults import parse_all
-from plant_sim.kernels.instants import STEP_NS
-from plant_sim.world.recording import EVERYTHING, NOTHING, Kept
-from plant_sim.world.spool import pieces
-from plant_sim.world.world import World
-from plant_sim.world.world_parts import check_body
 
 AT_THE_LIMIT = ("fishhook", "j_turn", "sine_with_dwell", "moose")
 """Manoeuvres made to find the limit of tyres and wheel loads."""

@@ -11,11 +11,11 @@ import numpy as np
 from can.io import mf4
 
 from canroll.errors import CanrollError, MissingExtraError, writing
+from canroll.plant_sim.can_bus import DELIVERED, ECU, REFUSED
+from canroll.plant_sim.can_bus.kernel.layout import ERROR
+from canroll.plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE
+from canroll.plant_sim.world.spool import Table, blocks
 from canroll.runs import mdf
-from plant_sim.can_bus import DELIVERED, ECU, REFUSED
-from plant_sim.can_bus.kernel.layout import ERROR
-from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE
-from plant_sim.world.spool import Table, blocks
 
 UNDER_WAY_NS = 1_000_000_000
 """Longer than any frame is under way on a segment between two entries of the log."""

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-import dbc
+from canroll import dbc
+from canroll.firmware.state import ACTIVE, DEGRADED
+from canroll.plant_sim.bodies.ports import AXLES, WHEELS
+from canroll.plant_sim.can_bus.kernel.layout import DELIVERED
+from canroll.plant_sim.world.spool import blocks, pieces
 from canroll.reaction.harm import PATH_ERROR, ROLL_ANGLE, HarmLimit
 from canroll.runs.ride import SAMPLE, W_D, W_E, W_K, Weighting, weighted_rms
 from canroll.runs.trace import Trace
 from canroll.typing import Vector
-from firmware.state import ACTIVE, DEGRADED
-from plant_sim.bodies.ports import AXLES, WHEELS
-from plant_sim.can_bus.kernel.layout import DELIVERED
-from plant_sim.world.spool import blocks, pieces
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 MOMENTS = tuple(f"moment_{axle}" for axle in AXLES)
 """Anti-roll moments on the body from the actuators, by axle."""

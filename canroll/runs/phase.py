@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-import dbc
+from canroll import dbc
 from canroll.errors import CanrollError
-from plant_sim.can_bus import ECU
-from plant_sim.world.received import received_blocks, received_on, segment_of_ecu
-from plant_sim.world.spool import Table, blocks
-from plant_sim.world.world import World
+from canroll.plant_sim.can_bus import ECU
+from canroll.plant_sim.world.received import received_blocks, received_on, segment_of_ecu
+from canroll.plant_sim.world.spool import Table, blocks
+from canroll.plant_sim.world.world import World
 
 IMU = int(dbc.message("Imu").frame_id)
 IMU_PERIOD_NS = round(1e9 * dbc.period("Imu"))

@@ -6,7 +6,14 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from canroll.codegen.generated.own_stage import OwnStage
+from canroll.codegen.run.backends import default_backend
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.dbc.reader import file_names, paths_of
 from canroll.errors import optional
+from canroll.firmware.calibration import Calibration
+from canroll.gain_gen.models.task import Delay
+from canroll.plant_sim.can_bus import BusProfile, load_profile
 from canroll.reaction.reaction import Reaction
 from canroll.runs.conditions import fault_texts
 from canroll.runs.limit_cycle import LimitCycle
@@ -17,14 +24,7 @@ from canroll.runs.trace import Trace
 from canroll.setup.bus_frames import firmware_of, secret_of
 from canroll.setup.choice import as_text, one_or_several
 from canroll.setup.choices import CHOICES, chosen
-from codegen.generated.own_stage import OwnStage
-from codegen.run.backends import default_backend
-from codegen.run.bus_firmware import BusFirmware
-from dbc.reader import file_names, paths_of
-from firmware.calibration import Calibration
-from gain_gen.models.task import Delay
-from plant_sim.can_bus import BusProfile, load_profile
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 if TYPE_CHECKING:
     import pandas

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
+from canroll.plant_sim.kernels.instants import STEP_NS
+from canroll.plant_sim.kernels.jit import njit
 from canroll.typing import Vector
-from plant_sim.kernels.instants import STEP_NS
-from plant_sim.kernels.jit import njit
 
 SAMPLE = STEP_NS * 1e-9
 """Time between two values of a signal (s)."""

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from canroll.plant_sim.driving import standards
+from canroll.plant_sim.driving.maneuvers import Maneuver
+from canroll.plant_sim.driving.standards import Verdict
+from canroll.plant_sim.world.spool import pieces
 from canroll.runs.limit_cycle import LimitCycle
 from canroll.runs.metrics import BY_KEY, LEAST_ROLL_DEG, METRICS, Metric, Metrics, helps
 from canroll.runs.trace import Trace
-from plant_sim.driving import standards
-from plant_sim.driving.maneuvers import Maneuver
-from plant_sim.driving.standards import Verdict
-from plant_sim.world.spool import pieces
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 WORSE = 1.05
 """Ratio of a metric with control to that without, above which it is a side effect."""

@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from canroll.plant_sim.driving.driver import FISHHOOK, FOLLOW_PATH, DriveInputs, off_path
+from canroll.plant_sim.driving.maneuvers import Maneuver
+from canroll.plant_sim.world.spool import pieces, with_signal
 from canroll.runs.trace import Trace
 from canroll.typing import Vector
-from plant_sim.driving.driver import FISHHOOK, FOLLOW_PATH, DriveInputs, off_path
-from plant_sim.driving.maneuvers import Maneuver
-from plant_sim.world.spool import pieces, with_signal
 
 
 def differs(maneuver: Maneuver, passive: Trace, controlled: Trace) -> bool:

@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll import documents
+from canroll.codegen.run.memory_image import dtype
 from canroll.errors import optional
-from codegen.run.memory_image import dtype
-from firmware import calibration as formats
-from firmware import subset
-from firmware.calibration import Calibration
-from firmware.state import GYRO_BIAS, LATERAL, LATERAL_RATE, ROLL, ROLL_RATE, Ecu
-from gain_gen.calibration.record import fill
-from plant_sim.world import archive
-from plant_sim.world.recording import unit
-from plant_sim.world.spool import Table, as_columns
+from canroll.firmware import calibration as formats
+from canroll.firmware import subset
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.state import GYRO_BIAS, LATERAL, LATERAL_RATE, ROLL, ROLL_RATE, Ecu
+from canroll.gain_gen.calibration.record import fill
+from canroll.plant_sim.world import archive
+from canroll.plant_sim.world.recording import unit
+from canroll.plant_sim.world.spool import Table, as_columns
 
 if TYPE_CHECKING:
     import pandas

@@ -1,11 +1,11 @@
 """What the ECU receives in a run."""
 
+from canroll.codegen.run.backends import Recorder, open_backend
+from canroll.codegen.run.ecu_traffic import EcuTraffic
 from canroll.runs.experiment import build_world
 from canroll.runs.result import Run
 from canroll.runs.virtual_time import closed_loop
 from canroll.setup.controller import Controller
-from codegen.run.backends import Recorder, open_backend
-from codegen.run.ecu_traffic import EcuTraffic
 
 
 def record_traffic(settings: Run, controller: Controller, duration: float) -> EcuTraffic:

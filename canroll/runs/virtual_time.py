@@ -6,15 +6,15 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.codegen.run.backends import Backend, NativeEcu
+from canroll.codegen.run.secured import SecuredEcu
+from canroll.plant_sim.kernels.records import to_record
+from canroll.plant_sim.nodes.codec import MAX_PAYLOAD
+from canroll.plant_sim.world.ecu_kernel import MAILBOXES, Connection, Firmware
+from canroll.plant_sim.world.spool import Rows
+from canroll.plant_sim.world.world import CHUNK_NS, World
 from canroll.runs.trace import TICK, Trace, tick_rows
 from canroll.setup.delay import RUN_TIME
-from codegen.run.backends import Backend, NativeEcu
-from codegen.run.secured import SecuredEcu
-from plant_sim.kernels.records import to_record
-from plant_sim.nodes.codec import MAX_PAYLOAD
-from plant_sim.world.ecu_kernel import MAILBOXES, Connection, Firmware
-from plant_sim.world.spool import Rows
-from plant_sim.world.world import CHUNK_NS, World
 
 RUN_TIME_NS = round(RUN_TIME * 1e9)
 """From a tick to its frames."""

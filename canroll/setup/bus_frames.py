@@ -5,24 +5,30 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from canroll.codegen.generated import own_stage
+from canroll.codegen.generated.bus_map import BusMap
+from canroll.codegen.generated.mailbox import RECEIVED, VALID_BITS
+from canroll.codegen.generated.own_stage import OwnStage
+from canroll.codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_stage
+from canroll.dbc import attribute, read
+from canroll.dbc.keys import DEVELOPMENT_KEY, read_key
+from canroll.dbc.reader import each
 from canroll.errors import CanrollError
+from canroll.firmware import calibration as fw
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.plausibility import NEEDED
+from canroll.firmware.state import (
+    REST,
+    RX_ACTUATOR_STATE,
+    RX_IMU,
+    RX_SUSPENSION_RATE,
+    RX_VEHICLE_MOTION,
+)
+from canroll.gain_gen.laws import WITHOUT_ROLL_RATE
+from canroll.plant_sim.can_bus import BusProfile, load_profile
+from canroll.plant_sim.can_bus.network.own_frames import bus_map, messages_of, secured
+from canroll.plant_sim.can_bus.traffic.files import load_traffic
 from canroll.setup.choices import chosen
-from codegen.generated import own_stage
-from codegen.generated.bus_map import BusMap
-from codegen.generated.mailbox import RECEIVED, VALID_BITS
-from codegen.generated.own_stage import OwnStage
-from codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_stage
-from dbc import attribute, read
-from dbc.keys import DEVELOPMENT_KEY, read_key
-from dbc.reader import each
-from firmware import calibration as fw
-from firmware.calibration import Calibration
-from firmware.plausibility import NEEDED
-from firmware.state import REST, RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, RX_VEHICLE_MOTION
-from gain_gen.laws import WITHOUT_ROLL_RATE
-from plant_sim.can_bus import BusProfile, load_profile
-from plant_sim.can_bus.network.own_frames import bus_map, messages_of, secured
-from plant_sim.can_bus.traffic.files import load_traffic
 
 SPEED = 1
 """Bit of ecu.valid: the speed of VehicleMotion."""

@@ -12,13 +12,13 @@ from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, TypedDict, get_args, get_origin, get_type_hints
 
+from canroll.codegen.run import BACKENDS
 from canroll.errors import CanrollError, UnknownNameError
+from canroll.gain_gen.laws import LAWS, OBSERVERS
+from canroll.plant_sim.bodies import BODIES
+from canroll.plant_sim.buses import BUSES
 from canroll.setup.choice import Choice, StateSpace
-from codegen.run import BACKENDS
-from gain_gen.laws import LAWS, OBSERVERS
-from plant_sim.bodies import BODIES
-from plant_sim.buses import BUSES
-from vehicles import ACTUATORS, Vehicle
+from canroll.vehicles import ACTUATORS, Vehicle
 
 PROJECT_FILE = "CANROLL_PROJECT_FILE"
 """Environment variable with the path of the file read as ``canroll.toml``; empty: none is read."""

@@ -7,27 +7,26 @@ from typing import Any
 
 import numpy as np
 
-import dbc
-import vehicles
+from canroll import dbc, vehicles
 from canroll.build_cache import kept, key, recalled
+from canroll.codegen.generated import own_stage
+from canroll.codegen.generated.mailbox import SAMPLE_COUNTERS
+from canroll.codegen.generated.own_stage import OwnStage
 from canroll.errors import CanrollError, VerdictError
+from canroll.firmware import calibration as fw
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE
+from canroll.gain_gen.calibration.calibration_file import LoadedCalibration, load
+from canroll.gain_gen.calibration.options import ACTUATOR_NUMBER, QuantiseOptions
+from canroll.gain_gen.laws import LAWS, WITHOUT_ROLL_RATE, is_of_user
+from canroll.gain_gen.models.task import PERIODS, Delay, Design, Task, made_of
+from canroll.gain_gen.monitors.uncertainty import BY_STEERING, EVERY, of_vehicle, stated
+from canroll.plant_sim.can_bus.network.own_frames import bus_map
 from canroll.setup.bus_frames import absent, profile_of, stage_of
 from canroll.setup.choice import StateSpace
 from canroll.setup.choices import CHOICES, PASSIVE, check, chosen
 from canroll.setup.delay import sample_to_force
-from codegen.generated import own_stage
-from codegen.generated.mailbox import SAMPLE_COUNTERS
-from codegen.generated.own_stage import OwnStage
-from firmware import calibration as fw
-from firmware.calibration import Calibration
-from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE
-from gain_gen.calibration.calibration_file import LoadedCalibration, load
-from gain_gen.calibration.options import ACTUATOR_NUMBER, QuantiseOptions
-from gain_gen.laws import LAWS, WITHOUT_ROLL_RATE, is_of_user
-from gain_gen.models.task import PERIODS, Delay, Design, Task, made_of
-from gain_gen.monitors.uncertainty import BY_STEERING, EVERY, of_vehicle, stated
-from plant_sim.can_bus.network.own_frames import bus_map
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 COMMANDS = {
     fw.SUSPENSION: "SuspensionForceCommand",
@@ -132,7 +131,7 @@ def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
     resolution, periods = None, PERIODS
     own = bus_map(profile)
     if own is not None:
-        from gain_gen.calibration.resolution import of_bus  # noqa: PLC0415
+        from canroll.gain_gen.calibration.resolution import of_bus  # noqa: PLC0415
 
         resolution = of_bus(own)
         first = zip(own.received[: len(PERIODS)], PERIODS, strict=True)
@@ -288,8 +287,8 @@ def calibrated(
 
     def make() -> tuple[Design, Calibration, Mapping[str, Any]]:
         # solvers, verification and the integer loop, for what is not kept from before
-        from gain_gen.calibration.freeze import calibrate  # noqa: PLC0415
-        from gain_gen.design import design, without_control  # noqa: PLC0415
+        from canroll.gain_gen.calibration.freeze import calibrate  # noqa: PLC0415
+        from canroll.gain_gen.design import design, without_control  # noqa: PLC0415
 
         # without control the frames go on all the same
         answer = without_control(task) if law == PASSIVE else design(law, task)

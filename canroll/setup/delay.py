@@ -1,10 +1,10 @@
 """The delay from sample to force on a bus."""
 
-from gain_gen.models.task import Delay
-from plant_sim.can_bus import BusProfile
-from plant_sim.can_bus.bounds.delay_bounds import delay_bounds
-from plant_sim.nodes.sensors import SensorOptions, delay
-from vehicles import Vehicle
+from canroll.gain_gen.models.task import Delay
+from canroll.plant_sim.can_bus import BusProfile
+from canroll.plant_sim.can_bus.bounds.delay_bounds import delay_bounds
+from canroll.plant_sim.nodes.sensors import SensorOptions, delay
+from canroll.vehicles import Vehicle
 
 RUN_TIME = 200e-6
 """From the start of a tick to its frames in the controller's queue, s: the loop takes 10 k to 20 k

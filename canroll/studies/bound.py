@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 from scipy.optimize import brentq
 
+from canroll.plant_sim import bodies
+from canroll.plant_sim.world.open_loop import moment_response
 from canroll.runs.metrics import rms
 from canroll.runs.result import Run
 from canroll.setup.controller import Controller
 from canroll.typing import Vector
-from plant_sim import bodies
-from plant_sim.world.open_loop import moment_response
 
 HELD = 0.010
 """How long a moment is held, s; half of it lowers the bound by a thousandth."""

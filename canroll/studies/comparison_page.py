@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from canroll.plant_sim.driving.standards import cones_of
 from canroll.report.curves import Shown, all_figures, dash
 from canroll.report.figure import DASHED, Figure, Series
 from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
@@ -13,7 +14,6 @@ from canroll.report.run_page import NLT, parameters, playback, provenance
 from canroll.report.tables import number
 from canroll.runs.metrics import BY_KEY, NUMBERS
 from canroll.studies.comparison import Named
-from plant_sim.driving.standards import cones_of
 
 COLOURS = 7
 SAME = 0.02

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
+from canroll.gain_gen.calibration.record import identify
 from canroll.runs.experiment import drive, limit_cycle_of
 from canroll.runs.metrics import judge, rms
 from canroll.runs.result import Run
 from canroll.setup.choices import PASSIVE
 from canroll.setup.controller import Controller
 from canroll.studies.bound import EffortBound, bound_of
-from gain_gen.calibration.record import identify
 
 FIGURES = (
     "roll_rms_deg",

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from canroll.cases.execution import IN_TURN, Cases
 from canroll.cases.identity import identity
 from canroll.errors import CanrollError
+from canroll.plant_sim.bodies import own_body
 from canroll.report.page import PageTable
 from canroll.runs.experiment import drive, plan
 from canroll.runs.metrics import rms
@@ -35,7 +36,6 @@ from canroll.studies.effort_rows import (
     LawDriver,
 )
 from canroll.studies.variation import NONE, population
-from plant_sim.bodies import own_body
 
 OF_PAPERS, ALL = "roll_rate_only", "all_sensors"
 """What laws measure."""

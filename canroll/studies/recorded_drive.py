@@ -12,25 +12,25 @@ import numpy as np
 from cantools.database import Message
 from numpy.typing import NDArray
 
+from canroll.codegen.generated.mailbox import EXTENDED
+from canroll.codegen.run.backends import Backend, open_backend
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.codegen.run.memory_image import dtype
+from canroll.codegen.run.secured import SecuredEcu
+from canroll.dbc.keys import DEVELOPMENT_KEY
 from canroll.errors import CanrollError
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.event_trigger import command_slot
+from canroll.firmware.identification import RATIO_ONE
+from canroll.plant_sim.can_bus.traffic.log_reader import Logged
+from canroll.plant_sim.can_bus.wire import frame as wire
+from canroll.plant_sim.world.spool import Rows
 from canroll.reaction.fault_codes import MODES
 from canroll.reaction.reaction import CodeSeen, ModeChange, codes_seen, mode_changes
 from canroll.reaction.reception import Receiver, Reception
 from canroll.runs.metrics import peak, rms
 from canroll.runs.virtual_time import TickRows
 from canroll.typing import Progress, Vector
-from codegen.generated.mailbox import EXTENDED
-from codegen.run.backends import Backend, open_backend
-from codegen.run.bus_firmware import BusFirmware
-from codegen.run.memory_image import dtype
-from codegen.run.secured import SecuredEcu
-from dbc.keys import DEVELOPMENT_KEY
-from firmware.calibration import Calibration
-from firmware.event_trigger import command_slot
-from firmware.identification import RATIO_ONE
-from plant_sim.can_bus.traffic.log_reader import Logged
-from plant_sim.can_bus.wire import frame as wire
-from plant_sim.world.spool import Rows
 
 NOTE = (
     "The recorded car did not get these commands: they have no effect on the drive, and whether "

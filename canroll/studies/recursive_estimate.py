@@ -6,10 +6,10 @@ from math import sqrt
 
 import numpy as np
 
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.identification import RATIO_ONE
 from canroll.report.page import PageTable
-from firmware.calibration import Calibration
-from firmware.identification import RATIO_ONE
-from vehicles import GRAVITY, Vehicle
+from canroll.vehicles import GRAVITY, Vehicle
 
 SURE = 1.96
 """Standard deviations on either side of 95 % of a normal distribution."""

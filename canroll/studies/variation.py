@@ -7,11 +7,11 @@ import numpy as np
 
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.runs.result import Run
-from vehicles import Vehicle
-from vehicles.check import problems
-from vehicles.model import RollModel
-from vehicles.roll_stiffness import springs_within
-from vehicles.tyre_files import scaled
+from canroll.vehicles import Vehicle
+from canroll.vehicles.check import problems
+from canroll.vehicles.model import RollModel
+from canroll.vehicles.roll_stiffness import springs_within
+from canroll.vehicles.tyre_files import scaled
 
 ROLL_MODEL = tuple(field.name for field in fields(RollModel))
 TYRES = ("cornering_stiffness", "friction")

@@ -2,8 +2,8 @@
 
 One .c and .h per module, every name prefixed ``canroll_``, comments and docstrings carried over,
 no state but the caller's records, no library call. Operations are done in 32 bits where
-:mod:`codegen.proof.interpreter` shows that they fit, else in 64; a 64-bit value is stored in a
-narrower type only where it is shown to fit, so that no cast changes a value.
+:mod:`canroll.codegen.proof.interpreter` shows that they fit, else in 64; a 64-bit value is stored
+in a narrower type only where it is shown to fit, so that no cast changes a value.
 """
 
 import ast
@@ -13,9 +13,9 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Literal
 
-from codegen.c99 import kept, record_name
-from codegen.c99.function import FunctionWriter
-from codegen.c99.linkage import (
+from canroll.codegen.c99 import kept, record_name
+from canroll.codegen.c99.function import FunctionWriter
+from canroll.codegen.c99.linkage import (
     PUBLIC_NUMBERS,
     PUBLIC_TABLES,
     Home,
@@ -24,9 +24,9 @@ from codegen.c99.linkage import (
     linkage,
     reachable,
 )
-from codegen.c99.notes import Notes
-from codegen.c99.reduced import Reducer
-from codegen.c99.text import (
+from canroll.codegen.c99.notes import Notes
+from canroll.codegen.c99.reduced import Reducer
+from canroll.codegen.c99.text import (
     CLOSE_C,
     OPEN_C,
     RUNTIME,
@@ -37,15 +37,15 @@ from codegen.c99.text import (
     declaration,
     plain,
 )
-from codegen.operations.c_expression import C_TYPES, PRIMARY, literal
-from codegen.operations.intervals import Value
-from codegen.operations.table import Access
-from codegen.proof.interpreter import Interpreter
-from codegen.proof.one_calibration import outcome
-from codegen.proof.prove import entries_of, prove
-from codegen.subset import rules
-from codegen.subset.parse import load
-from codegen.subset.program import (
+from canroll.codegen.operations.c_expression import C_TYPES, PRIMARY, literal
+from canroll.codegen.operations.intervals import Value
+from canroll.codegen.operations.table import Access
+from canroll.codegen.proof.interpreter import Interpreter
+from canroll.codegen.proof.one_calibration import outcome
+from canroll.codegen.proof.prove import entries_of, prove
+from canroll.codegen.subset import rules
+from canroll.codegen.subset.parse import load
+from canroll.codegen.subset.program import (
     CONST_RECORD,
     FIRMWARE,
     Constant,
@@ -55,7 +55,7 @@ from codegen.subset.program import (
     Record,
     statements,
 )
-from codegen.subset.walk import walk
+from canroll.codegen.subset.walk import walk
 
 # the gains header carries the calibration's type too, so that it compiles alone
 CALIBRATION_GUARD = "CANROLL_CALIBRATION_TYPE"

@@ -4,10 +4,10 @@ import ast
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import count
 
-from codegen.c99.linkage import Names
-from codegen.c99.notes import Notes
-from codegen.c99.text import broken, comment, comments_of, plain
-from codegen.operations.c_expression import (
+from canroll.codegen.c99.linkage import Names
+from canroll.codegen.c99.notes import Notes
+from canroll.codegen.c99.text import broken, comment, comments_of, plain
+from canroll.codegen.operations.c_expression import (
     BOTH,
     C_TYPES,
     EITHER,
@@ -21,10 +21,10 @@ from codegen.operations.c_expression import (
     signed,
     widened,
 )
-from codegen.operations.intervals import Value
-from codegen.operations.relations import RELATIONS
-from codegen.operations.table import OPERATORS, Access, Operation
-from codegen.subset.program import (
+from canroll.codegen.operations.intervals import Value
+from canroll.codegen.operations.relations import RELATIONS
+from canroll.codegen.operations.table import OPERATORS, Access, Operation
+from canroll.codegen.subset.program import (
     Constant,
     FieldReference,
     Function,

@@ -5,8 +5,8 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from codegen.proof.prove import entry_points
-from codegen.subset.program import (
+from canroll.codegen.proof.prove import entry_points
+from canroll.codegen.subset.program import (
     RUNTIME,
     Constant,
     FieldReference,

@@ -2,7 +2,7 @@
 
 import ast
 
-from codegen.subset.program import Function
+from canroll.codegen.subset.program import Function
 
 
 class Notes:

@@ -10,9 +10,9 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from codegen.operations.table import INTRINSICS, Access
-from codegen.proof.one_calibration import Outcome
-from codegen.subset.program import (
+from canroll.codegen.operations.table import INTRINSICS, Access
+from canroll.codegen.proof.one_calibration import Outcome
+from canroll.codegen.subset.program import (
     CONST_RECORD,
     Const,
     Constant,
@@ -22,8 +22,8 @@ from codegen.subset.program import (
     Program,
     statements,
 )
-from codegen.subset.resolve import stored
-from codegen.subset.walk import walk
+from canroll.codegen.subset.resolve import stored
+from canroll.codegen.subset.walk import walk
 
 CLAMP = INTRINSICS["clamp"]
 NEUTRAL = (ast.Add, ast.Sub, ast.BitOr, ast.BitXor, ast.LShift, ast.RShift)

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from codegen.operations.c_expression import C_TYPES
+from canroll.codegen.operations.c_expression import C_TYPES
 
 WIDTH = 100
 RUNTIME = Path(__file__).with_name("canroll_runtime.h")

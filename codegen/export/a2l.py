@@ -13,16 +13,16 @@ from typing import Any
 
 from elftools.elf.elffile import ELFFile
 
+from canroll.codegen.c99.text import plain
+from canroll.codegen.export import a2l_xcp
+from canroll.codegen.generated.bus_map import XcpFrames
+from canroll.codegen.run import memory_image
+from canroll.codegen.subset.parse import load
+from canroll.codegen.subset.program import Program
 from canroll.errors import CanrollError, reason
-from codegen.c99.text import plain
-from codegen.export import a2l_xcp
-from codegen.generated.bus_map import XcpFrames
-from codegen.run import memory_image
-from codegen.subset.parse import load
-from codegen.subset.program import Program
-from firmware.calibration import N_POINTS, Calibration
-from firmware.state import Ecu
-from firmware.subset import Field, fields
+from canroll.firmware.calibration import N_POINTS, Calibration
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import Field, fields
 
 TYPES = {"i32": "SLONG", "u8": "UBYTE"}
 RECORDS = {"calibration": Calibration, "ecu": Ecu}

@@ -7,7 +7,7 @@ XCP), as far as they are used here.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from codegen.generated.bus_map import XcpFrames
+from canroll.codegen.generated.bus_map import XcpFrames
 
 TIMEOUT_MS = 2000
 """The check of a page takes up to 80 ticks of up to 20 ms."""

@@ -3,12 +3,12 @@
 import ast
 from dataclasses import dataclass, field
 
-from codegen.c99.notes import Notes
-from codegen.export import traceability
-from codegen.run.bus_firmware import BusFirmware
-from codegen.run.translation import translated
-from codegen.subset.formats import Formats
-from codegen.subset.program import Function, Program
+from canroll.codegen.c99.notes import Notes
+from canroll.codegen.export import traceability
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.codegen.run.translation import translated
+from canroll.codegen.subset.formats import Formats
+from canroll.codegen.subset.program import Function, Program
 
 OWN = "the engineer's own"
 
@@ -34,7 +34,7 @@ class ReviewNotes(Notes):
 
 
 def files(firmware: BusFirmware) -> dict[str, str]:
-    """Return ``firmware.files`` with comments."""
+    """Return ``canroll.firmware.files`` with comments."""
 
     def made() -> dict[str, str]:
         program = firmware.program()

@@ -12,8 +12,7 @@ from math import gcd
 from pathlib import Path
 from pkgutil import resolve_name
 
-from canroll.errors import CanrollError
-from codegen.export import (
+from canroll.codegen.export import (
     a2l,
     annotate,
     cantools_codec,
@@ -23,15 +22,16 @@ from codegen.export import (
     readme,
     traceability,
 )
-from codegen.export.contents import Code, Export
-from codegen.export.sessions import secoc_session
-from codegen.export.sessions.session import Session
-from codegen.run import native
-from codegen.run.bus_firmware import BusFirmware, of_bus, with_services, with_stage
-from codegen.run.cortex import optimisation_of
-from codegen.run.service import SERVICES
-from codegen.run.specialised import specialised
-from dbc.reader import Files, each, network_file
+from canroll.codegen.export.contents import Code, Export
+from canroll.codegen.export.sessions import secoc_session
+from canroll.codegen.export.sessions.session import Session
+from canroll.codegen.run import native
+from canroll.codegen.run.bus_firmware import BusFirmware, of_bus, with_services, with_stage
+from canroll.codegen.run.cortex import optimisation_of
+from canroll.codegen.run.service import SERVICES
+from canroll.codegen.run.specialised import specialised
+from canroll.dbc.reader import Files, each, network_file
+from canroll.errors import CanrollError
 
 __all__ = ["Export", "is_specialised", "refuse_namesakes", "sources", "write"]
 TEMPLATES = Path(__file__).with_name("templates")

@@ -8,9 +8,9 @@ from itertools import chain, count
 from cantools.database import Database
 from cantools.database.can import c_source
 
-from codegen.subset.rules import C_WORDS
-from dbc import read
-from dbc.reader import Files
+from canroll.codegen.subset.rules import C_WORDS
+from canroll.dbc import read
+from canroll.dbc.reader import Files
 
 NAME = "canroll_codec"
 RESERVED = C_WORDS | frozenset(

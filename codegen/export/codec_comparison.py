@@ -10,15 +10,15 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from codegen.frame.raw_signal import RawSignal, real_of
-from codegen.frame.units import conversion
-from codegen.generated.bus_map import BusMap
-from codegen.generated.mailbox import IN_TURN, VALID_BITS, Mailbox
-from codegen.generated.mapped_signal import MappedSignal
-from dbc import read
-from dbc.reader import Files, each
-from firmware.state import Ecu
-from firmware.subset import fields
+from canroll.codegen.frame.raw_signal import RawSignal, real_of
+from canroll.codegen.frame.units import conversion
+from canroll.codegen.generated.bus_map import BusMap
+from canroll.codegen.generated.mailbox import IN_TURN, VALID_BITS, Mailbox
+from canroll.codegen.generated.mapped_signal import MappedSignal
+from canroll.dbc import read
+from canroll.dbc.reader import Files, each
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import fields
 
 PROGRAM = """\
 /* Frames in, fields out, and back, as the loop does it: test_codec.py compares it with cantools. */

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from codegen.export.prefix import DEFAULT
-from codegen.generated.own_stage import OwnStage
-from codegen.run.bus_firmware import BusFirmware
-from codegen.run.ecu_traffic import EcuTraffic
-from dbc.reader import Files
-from firmware.calibration import Calibration
+from canroll.codegen.export.prefix import DEFAULT
+from canroll.codegen.generated.own_stage import OwnStage
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.codegen.run.ecu_traffic import EcuTraffic
+from canroll.dbc.reader import Files
+from canroll.firmware.calibration import Calibration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from codegen.export.sessions.session import Session
-from codegen.generated.bus_map import BusMap
-from codegen.run import memory_image, native
-from codegen.run.bus_firmware import BusFirmware
-from codegen.run.ecu_traffic import EcuTraffic, finished, random_calibration, random_traffic
-from firmware import calibration as constants
-from firmware.calibration import Calibration
-from firmware.state import N_TX, RX_VEHICLE_MOTION
+from canroll.codegen.export.sessions.session import Session
+from canroll.codegen.generated.bus_map import BusMap
+from canroll.codegen.run import memory_image, native
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.codegen.run.ecu_traffic import EcuTraffic, finished, random_calibration, random_traffic
+from canroll.firmware import calibration as constants
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.state import N_TX, RX_VEHICLE_MOTION
 
 SEEDS = (363, 542, 603, 604, 621, 625, 627)
 """Of the random cases; chosen by what each adds."""

@@ -7,12 +7,12 @@ import sys
 import textwrap
 from collections.abc import Mapping
 
+from canroll.codegen.run import cortex, memory_image
+from canroll.codegen.run.bus_firmware import AUTHENTICATION, BusFirmware
+from canroll.codegen.run.service import SERVICES
+from canroll.codegen.worst_case.footprint import footprint
 from canroll.errors import CanrollError
-from codegen.run import cortex, memory_image
-from codegen.run.bus_firmware import AUTHENTICATION, BusFirmware
-from codegen.run.service import SERVICES
-from codegen.worst_case.footprint import footprint
-from firmware.calibration import Calibration
+from canroll.firmware.calibration import Calibration
 
 PROCESSOR = "cortex-m4"
 GCC = "arm-none-eabi-gcc"
@@ -115,8 +115,8 @@ def _period(record: Calibration, loop: BusFirmware, bound: Mapping[str, str]) ->
 
 
 def _made(record: Calibration, loop: BusFirmware, received: int) -> dict[str, str]:
-    from codegen.worst_case.cycles import Timing  # noqa: PLC0415 - needs the extra
-    from codegen.worst_case.firmware_bound import firmware_bound  # noqa: PLC0415
+    from canroll.codegen.worst_case.cycles import Timing  # noqa: PLC0415 - needs the extra
+    from canroll.codegen.worst_case.firmware_bound import firmware_bound  # noqa: PLC0415
 
     bound = firmware_bound(record, Timing(PROCESSOR), loop, received=received)
     return {

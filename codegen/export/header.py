@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable, Mapping
 
-from codegen.c99.text import declaration, filled, plain
-from firmware.calibration import Calibration
-from firmware.subset import Field, fields
+from canroll.codegen.c99.text import declaration, filled, plain
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.subset import Field, fields
 
 WIDTH = 96
 TYPE_GUARD = "CANROLL_CALIBRATION_TYPE"

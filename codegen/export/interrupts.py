@@ -8,13 +8,20 @@ hand over a frame. ``init`` comes before the first interrupt.
 import ast
 from dataclasses import dataclass
 
+from canroll.codegen.c99.linkage import public_name
+from canroll.codegen.operations.table import Access
+from canroll.codegen.proof.prove import entry_points
+from canroll.codegen.subset.parse import load
+from canroll.codegen.subset.program import (
+    CONST_RECORD,
+    FieldReference,
+    Function,
+    Parameter,
+    Program,
+    base,
+)
+from canroll.codegen.subset.resolve import stored
 from canroll.errors import CanrollError
-from codegen.c99.linkage import public_name
-from codegen.operations.table import Access
-from codegen.proof.prove import entry_points
-from codegen.subset.parse import load
-from codegen.subset.program import CONST_RECORD, FieldReference, Function, Parameter, Program, base
-from codegen.subset.resolve import stored
 
 HANDED_OVER = frozenset({"rx_fresh", "rx_own"})
 """Set by ``receive``, cleared by ``tick``: each a single byte."""

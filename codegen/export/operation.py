@@ -3,15 +3,15 @@
 All is read from the firmware, its calibration and its bus.
 """
 
-from codegen.export.contents import Export
-from codegen.export.traceability import requirements
-from codegen.run.bus_firmware import BusFirmware
-from codegen.run.memory_image import dtype
-from codegen.run.service import SERVICES
-from codegen.subset.program import Constant, Program
-from firmware.calibration import N_RX, Calibration
-from firmware.security.secoc_state import RESET_MAX
-from firmware.state import N_FAULT_CODES
+from canroll.codegen.export.contents import Export
+from canroll.codegen.export.traceability import requirements
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.codegen.run.memory_image import dtype
+from canroll.codegen.run.service import SERVICES
+from canroll.codegen.subset.program import Constant, Program
+from canroll.firmware.calibration import N_RX, Calibration
+from canroll.firmware.security.secoc_state import RESET_MAX
+from canroll.firmware.state import N_FAULT_CODES
 
 FAULTS = "plausibility"
 """Module of the firmware that numbers the fault codes."""

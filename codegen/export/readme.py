@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from pkgutil import resolve_name
 
-from codegen.export import (
+from canroll.codegen.export import (
     coverage_cases,
     figures,
     interrupts,
@@ -12,15 +12,15 @@ from codegen.export import (
     operation,
     traceability,
 )
-from codegen.export.contents import Code, Export
-from codegen.export.sessions import secoc_session
-from codegen.frame.frame_protection import Protection
-from codegen.frame.place import Place
-from codegen.generated.bus_map import BusMap
-from codegen.generated.mailbox import EXTENDED
-from codegen.run import memory_image
-from codegen.run.service import SERVICES
-from dbc.reader import each
+from canroll.codegen.export.contents import Code, Export
+from canroll.codegen.export.sessions import secoc_session
+from canroll.codegen.frame.frame_protection import Protection
+from canroll.codegen.frame.place import Place
+from canroll.codegen.generated.bus_map import BusMap
+from canroll.codegen.generated.mailbox import EXTENDED
+from canroll.codegen.run import memory_image
+from canroll.codegen.run.service import SERVICES
+from canroll.dbc.reader import each
 
 TEMPLATES = Path(__file__).with_name("templates")
 FD_NOTE = """ `canroll_signals_tx_fd[slot]` is 0

@@ -12,14 +12,14 @@ from fnmatch import fnmatchcase
 from functools import cache
 from importlib.resources import files
 
+from canroll.codegen.c99.linkage import Names, linkage
+from canroll.codegen.frame.checksum import PREFIX
+from canroll.codegen.generated import own_stage
+from canroll.codegen.proof.prove import Proof, prove
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.codegen.run.service import SERVICES
+from canroll.codegen.subset.program import Function, Program
 from canroll.errors import CanrollError
-from codegen.c99.linkage import Names, linkage
-from codegen.frame.checksum import PREFIX
-from codegen.generated import own_stage
-from codegen.proof.prove import Proof, prove
-from codegen.run.bus_firmware import BusFirmware
-from codegen.run.service import SERVICES
-from codegen.subset.program import Function, Program
 
 FILE = "requirements.toml"
 """Name of the files of requirements: of the loop, and beside the modules of each service."""
@@ -62,7 +62,9 @@ def requirements() -> tuple[Requirement, ...]:
     Raises:
         CanrollError: another schema.
     """
-    packages = dict.fromkeys(["codegen.export", *(kind.modules for kind in SERVICES.values())])
+    packages = dict.fromkeys(
+        ["canroll.codegen.export", *(kind.modules for kind in SERVICES.values())]
+    )
     return tuple(each for package in packages for each in _read(package))
 
 

@@ -12,7 +12,7 @@ from operator import xor
 from pathlib import Path
 from typing import Any
 
-from codegen.frame.place import Place
+from canroll.codegen.frame.place import Place
 
 LISTED = 16
 """Entries of a list that the counter selects from."""
@@ -57,7 +57,7 @@ Unit = tuple[Bits, ...]
 
 @dataclass(frozen=True)
 class OwnChecksum:
-    """A user's function for a checksum (:mod:`codegen.frame.own_checksum`).
+    """A user's function for a checksum (:mod:`canroll.codegen.frame.own_checksum`).
 
     Attributes:
         path: its file, for messages.

@@ -6,7 +6,7 @@ byte by a table of 256 entries, one of more than eight bits in a short frame by 
 
 from collections.abc import Callable, Iterator, Sequence
 
-from codegen.frame.checksum import Bits, Checksum, Unit
+from canroll.codegen.frame.checksum import Bits, Checksum, Unit
 
 WRITTEN_OUT = 8
 """Bytes of a frame up to which a loop would cost more than its body."""

@@ -12,10 +12,10 @@ from typing import Any
 from cantools.database.can import Message, Signal
 
 from canroll import documents
+from canroll.codegen.frame.checksum import LISTED, Bits, Unit
+from canroll.codegen.frame.place import Place
+from canroll.codegen.frame.raw_signal import bits_of
 from canroll.errors import CanrollError, UnknownNameError
-from codegen.frame.checksum import LISTED, Bits, Unit
-from codegen.frame.place import Place
-from codegen.frame.raw_signal import bits_of
 
 ENTRIES = ("frame", "id", "length", "counter", "byte 3", "bytes 1-7")
 """Entries of ``over`` that are words; besides there are constants, lists of them and tables."""

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 
 class Crc(NamedTuple):
-    """Parameters of a CRC, as catalogues and :class:`codegen.frame.checksum.Checksum` name them."""
+    """Parameters of a CRC, named as in :class:`canroll.codegen.frame.checksum.Checksum`."""
 
     width: int
     polynomial: int

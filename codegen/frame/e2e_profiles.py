@@ -7,12 +7,12 @@ carry the length, and all but that of 6 the data id.
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+from canroll.codegen.frame.checksum import LISTED, Checksum
+from canroll.codegen.frame.checksum_units import constant, frame_units, identity_units, listed
+from canroll.codegen.frame.crc_kinds import CRCS
+from canroll.codegen.frame.own_protection import number
+from canroll.codegen.frame.place import Place, big, little
 from canroll.errors import CanrollError, UnknownNameError
-from codegen.frame.checksum import LISTED, Checksum
-from codegen.frame.checksum_units import constant, frame_units, identity_units, listed
-from codegen.frame.crc_kinds import CRCS
-from codegen.frame.own_protection import number
-from codegen.frame.place import Place, big, little
 
 _OF_1 = ("data_id", "data_id_mode", "crc_offset", "counter_offset", "data_id_nibble_offset")
 KEYS = {

@@ -1,8 +1,8 @@
 """End-to-end protection of one frame: checksum, counter, and what else its header carries.
 
-AUTOSAR E2E profiles 1, 2, 4, 5, 6, 7, 11 and 22 (:mod:`codegen.frame.e2e_profiles`) and what
-manufacturers made themselves (:mod:`codegen.frame.own_protection`). A protection comes from
-the DBC's attributes or from the map (:func:`protection`); :meth:`Protection.apply` defines it.
+AUTOSAR E2E profiles 1, 2, 4, 5, 6, 7, 11 and 22 (:mod:`canroll.codegen.frame.e2e_profiles`) and
+what manufacturers made themselves (:mod:`canroll.codegen.frame.own_protection`). A protection comes
+from the DBC's attributes or from the map (:func:`protection`); :meth:`Protection.apply` defines it.
 """
 
 import re
@@ -14,13 +14,13 @@ from typing import Any
 from cantools.database.can import Message
 
 from canroll import documents
+from canroll.codegen.frame.checksum import Checksum
+from canroll.codegen.frame.e2e_profiles import KEYS as OF_PROFILES
+from canroll.codegen.frame.e2e_profiles import PROFILES, Header
+from canroll.codegen.frame.own_protection import HELD_BITS, number, own_checksum_of, own_counter
+from canroll.codegen.frame.place import Place
+from canroll.codegen.frame.raw_signal import bits_of
 from canroll.errors import CanrollError
-from codegen.frame.checksum import Checksum
-from codegen.frame.e2e_profiles import KEYS as OF_PROFILES
-from codegen.frame.e2e_profiles import PROFILES, Header
-from codegen.frame.own_protection import HELD_BITS, number, own_checksum_of, own_counter
-from codegen.frame.place import Place
-from codegen.frame.raw_signal import bits_of
 
 ATTRIBUTES = {
     "E2EProfile": "profile",

@@ -13,13 +13,13 @@ from functools import cache
 from pathlib import Path
 
 from canroll import documents
+from canroll.codegen.c99.emit import translated
+from canroll.codegen.frame.checksum import PREFIX, OwnChecksum
+from canroll.codegen.proof.prove import prove
+from canroll.codegen.subset import grammar, rules
+from canroll.codegen.subset.parse import load
+from canroll.codegen.subset.program import PACKAGE, RUNTIME, Module, SubsetError, Type, copy_sources
 from canroll.errors import CanrollError, UnknownNameError, reason
-from codegen.c99.emit import translated
-from codegen.frame.checksum import PREFIX, OwnChecksum
-from codegen.proof.prove import prove
-from codegen.subset import grammar, rules
-from codegen.subset.parse import load
-from codegen.subset.program import PACKAGE, RUNTIME, Module, SubsetError, Type, copy_sources
 
 SIGNATURE = "(payload: Annotated[list[u8], n], identifier: i32) -> i32"
 TAKEN = (
@@ -34,8 +34,8 @@ ENTRY = "entry_of_maker"
 ENTRY_TEXT = """\
 from typing import Annotated
 
-from firmware.{module} import {name}
-from firmware.subset import i32, i64, u8
+from canroll.firmware.{module} import {name}
+from canroll.firmware.subset import i32, i64, u8
 
 
 def tick(payload: Annotated[list[u8], {size}], identifier: i32) -> i64:

@@ -8,12 +8,12 @@ from typing import Any
 from cantools.database.can import Message
 
 from canroll import documents
+from canroll.codegen.frame.checksum import Checksum
+from canroll.codegen.frame.checksum_units import Frame, signal_of, units_of
+from canroll.codegen.frame.crc_kinds import CRCS, Crc
+from canroll.codegen.frame.place import Place, big, joined, little
+from canroll.codegen.frame.raw_signal import bits_of
 from canroll.errors import CanrollError, UnknownNameError
-from codegen.frame.checksum import Checksum
-from codegen.frame.checksum_units import Frame, signal_of, units_of
-from codegen.frame.crc_kinds import CRCS, Crc
-from codegen.frame.place import Place, big, joined, little
-from codegen.frame.raw_signal import bits_of
 
 OF_A_PLACE = ("signal", "byte", "bit", "width", "order")
 OF_A_CRC = ("start", "end", "reflect_in", "reflect_out")
@@ -185,7 +185,7 @@ def _of_function(table: Mapping[str, Any], message: Message, where: str, folder:
     place = place_of(table, 8, message, where, "checksum")
     _refuse_width(place, 0, "function", where)
     # parser, prover and translator, for the few maps that name a function
-    from codegen.frame.own_checksum import own_checksum  # noqa: PLC0415
+    from canroll.codegen.frame.own_checksum import own_checksum  # noqa: PLC0415
 
     own = own_checksum(str(table["function"]), folder, f"{where} checksum.function")
     if own.size > max(message.length, 8):

@@ -6,7 +6,7 @@ Bits are counted as in the E2E protocol specification: bit 8 k + b is bit b of b
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from codegen.frame.raw_signal import BitPiece
+from canroll.codegen.frame.raw_signal import BitPiece
 
 
 @dataclass(frozen=True, slots=True)

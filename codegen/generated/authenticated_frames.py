@@ -7,10 +7,10 @@ from typing import Any
 from cantools.database import Message
 
 from canroll import documents
+from canroll.codegen.frame.frame_protection import Protection
+from canroll.codegen.frame.raw_signal import bits_of
 from canroll.errors import CanrollError, UnknownNameError
-from codegen.frame.frame_protection import Protection
-from codegen.frame.raw_signal import bits_of
-from firmware.security.secoc_state import FRESHNESS_AT, MAC_AT, PAYLOAD, SECURED
+from canroll.firmware.security.secoc_state import FRESHNESS_AT, MAC_AT, PAYLOAD, SECURED
 
 FRESHNESS, AUTHENTICATOR = "Freshness", "Authenticator"
 """Names of the signals behind an authenticated frame, unless the map has others."""

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from canroll import documents
-from canroll.errors import CanrollError, UnknownNameError, reason
-from codegen.generated.authenticated_frames import names_of
-from codegen.generated.mailbox import (
+from canroll.codegen.generated.authenticated_frames import names_of
+from canroll.codegen.generated.mailbox import (
     COMMANDS,
     EXTENDED,
     RECEIVED,
@@ -24,7 +23,8 @@ from codegen.generated.mailbox import (
     received,
     transmitted,
 )
-from dbc.reader import Files, network
+from canroll.dbc.reader import Files, network
+from canroll.errors import CanrollError, UnknownNameError, reason
 
 TABLES = ("receive", "transmit", "xcp", "uds", "secoc")
 

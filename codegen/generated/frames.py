@@ -1,6 +1,6 @@
 """firmware/com/frames.py from a DBC and its map: number and length of frames, widest counter.
 
-    python -m codegen.generated.frames [--check]
+    python -m canroll.codegen.generated.frames [--check]
 
 writes (or compares) the checked-in module for ``dbc/roll_control.dbc``. A bus of classic frames has
 mailboxes of eight bytes; one of CAN FD frames as many as its longest frame of the map. Counters are
@@ -10,15 +10,15 @@ held in a byte each unless one of them is wider.
 import sys
 from pathlib import Path
 
-from codegen.generated.bus_map import load
-from codegen.generated.mailbox import room
-from codegen.generated.signals import DBC, MAP, ROOT, write_or_check
-from dbc.reader import Files
+from canroll.codegen.generated.bus_map import load
+from canroll.codegen.generated.mailbox import room
+from canroll.codegen.generated.signals import DBC, MAP, ROOT, write_or_check
+from canroll.dbc.reader import Files
 
 FRAMES = ROOT / "firmware" / "com" / "frames.py"
 
 TEXT = '''\
-"""Frames received, bytes of a mailbox, values of a counter; made by codegen.generated.frames.
+"""Frames received, bytes of a mailbox, counter values; by canroll.codegen.generated.frames.
 
 Not to be edited.
 """

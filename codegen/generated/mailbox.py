@@ -9,31 +9,30 @@ from typing import Any
 
 from cantools.database import Message
 
-import dbc
-from canroll import documents
-from canroll.errors import CanrollError
-from codegen.frame.frame_protection import Protection, protection
-from codegen.frame.raw_signal import RawSignal, bits_of
-from codegen.generated.authenticated_frames import refuse_unnamed, refuse_unsecured
-from codegen.generated.mailbox_frame import OVERRIDES, frame_of, period_ms
-from codegen.generated.mapped_signal import (
+from canroll import dbc, documents
+from canroll.codegen.frame.frame_protection import Protection, protection
+from canroll.codegen.frame.raw_signal import RawSignal, bits_of
+from canroll.codegen.generated.authenticated_frames import refuse_unnamed, refuse_unsecured
+from canroll.codegen.generated.mailbox_frame import OVERRIDES, frame_of, period_ms
+from canroll.codegen.generated.mapped_signal import (
     MappedSignal,
     map_signal,
     refuse_received_only,
     refuse_sent_only,
 )
-from codegen.generated.multiplexing import (
+from canroll.codegen.generated.multiplexing import (
     all_pages,
     pages,
     refuse_several,
     refuse_unset,
     selector,
 )
-from codegen.generated.second_signals import valid_codes
-from codegen.generated.signal_code import local_name
-from dbc.reader import NetworkDescription
-from firmware.security.secoc_state import PAYLOAD, SECURED
-from firmware.state import REST
+from canroll.codegen.generated.second_signals import valid_codes
+from canroll.codegen.generated.signal_code import local_name
+from canroll.dbc.reader import NetworkDescription
+from canroll.errors import CanrollError
+from canroll.firmware.security.secoc_state import PAYLOAD, SECURED
+from canroll.firmware.state import REST
 
 RECEIVED = (
     "imu",

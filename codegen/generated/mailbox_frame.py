@@ -10,9 +10,9 @@ from typing import Any
 
 from cantools.database import Message
 
-import dbc
+from canroll import dbc
+from canroll.dbc.reader import NetworkDescription, same_identifier
 from canroll.errors import CanrollError, UnknownNameError
-from dbc.reader import NetworkDescription, same_identifier
 
 OVERRIDES = ("id", "extended", "fd", "bytes", "period_ms")
 """Keys of a mailbox that say of its frame what the DBC lacks or has wrong."""

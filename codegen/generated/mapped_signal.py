@@ -10,8 +10,7 @@ from typing import Any
 from cantools.database import Signal
 
 from canroll import documents
-from canroll.errors import CanrollError, UnknownNameError
-from codegen.frame.raw_signal import (
+from canroll.codegen.frame.raw_signal import (
     RawSignal,
     code_of,
     code_range,
@@ -20,10 +19,11 @@ from codegen.frame.raw_signal import (
     pieces_of,
     real_of,
 )
-from codegen.frame.units import conversion
-from codegen.generated.second_signals import Twin, Validity, minus_of, twin_of, validity_of
-from firmware.state import Ecu
-from firmware.subset import Field, fields
+from canroll.codegen.frame.units import conversion
+from canroll.codegen.generated.second_signals import Twin, Validity, minus_of, twin_of, validity_of
+from canroll.errors import CanrollError, UnknownNameError
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import Field, fields
 
 UNAVAILABLE = ("error", "not available", "notavailable", "invalid", "sna", "undefined", "fault")
 KEYS = (

@@ -10,9 +10,9 @@ from collections.abc import Collection, Sequence
 
 from cantools.database.can import Message
 
+from canroll.codegen.frame.raw_signal import RawSignal, raw_signal
+from canroll.codegen.generated.mapped_signal import MappedSignal
 from canroll.errors import CanrollError
-from codegen.frame.raw_signal import RawSignal, raw_signal
-from codegen.generated.mapped_signal import MappedSignal
 
 
 def selector(

@@ -1,7 +1,7 @@
 """An engineer's own stage: a file in the subset that replaces modules of the firmware.
 
 The file replaces ``firmware/stage.py`` and defines some of its functions; of it
-:mod:`codegen.run.stage_modules` makes the modules. Its state is the fields of one record
+:mod:`canroll.codegen.run.stage_modules` makes the modules. Its state is the fields of one record
 derived from ``Ecu``; they follow those of the firmware in memory, so that all others keep their
 place. Line numbers are preserved, so that messages name those of the file.
 """

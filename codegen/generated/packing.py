@@ -2,11 +2,11 @@
 
 from collections.abc import Iterable
 
-from codegen.frame.raw_signal import RawSignal
-from codegen.generated.bus_map import BusMap
-from codegen.generated.mailbox import IN_TURN, WORD, Mailbox
-from codegen.generated.mapped_signal import MappedSignal
-from codegen.generated.signal_code import (
+from canroll.codegen.frame.raw_signal import RawSignal
+from canroll.codegen.generated.bus_map import BusMap
+from canroll.codegen.generated.mailbox import IN_TURN, WORD, Mailbox
+from canroll.codegen.generated.mapped_signal import MappedSignal
+from canroll.codegen.generated.signal_code import (
     LINE,
     packed,
     placed,

@@ -7,14 +7,14 @@ from typing import Any
 
 from cantools.database import Signal
 
-from canroll.errors import CanrollError
-from codegen.frame.raw_signal import (
+from canroll.codegen.frame.raw_signal import (
     RawSignal,
     code_range,
     fraction,
     integer_signal,
     raw_signal,
 )
+from canroll.errors import CanrollError
 
 
 @dataclass(frozen=True, slots=True)

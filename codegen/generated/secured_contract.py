@@ -1,19 +1,19 @@
 """dbc/roll_control_secured.dbc and its map: the bus contract in authenticated CAN FD frames.
 
-    python -m codegen.generated.secured_contract [--check]
+    python -m canroll.codegen.generated.secured_contract [--check]
 
 writes (or compares) both files. A frame is that of ``roll_control.dbc`` with freshness value and
-MAC behind it, as :mod:`firmware.security.secoc` has them; its E2E protection covers the first eight
-bytes.
+MAC behind it, as :mod:`canroll.firmware.security.secoc` has them; its E2E protection covers the
+first eight bytes.
 """
 
 import argparse
 import re
 import sys
 
-import dbc
-from codegen.generated.authenticated_frames import AUTHENTICATOR, FRESHNESS
-from firmware.security.secoc_state import FRESHNESS_AT, MAC_AT, PAYLOAD, SECURED
+from canroll import dbc
+from canroll.codegen.generated.authenticated_frames import AUTHENTICATOR, FRESHNESS
+from canroll.firmware.security.secoc_state import FRESHNESS_AT, MAC_AT, PAYLOAD, SECURED
 
 FD_FORMAT = 14
 """Index of StandardCAN_FD among the values of VFrameFormat."""
@@ -42,7 +42,7 @@ BA_ "BaudrateCANFD" 2000000;
 """
 MAP_HEAD = """\
 # Which signal of roll_control_secured.dbc is which field of the ECU's record, as roll_control.toml
-# has it; made by codegen.generated.secured_contract, not to be edited.
+# has it; made by canroll.codegen.generated.secured_contract, not to be edited.
 """
 MAP_TAIL = f"""
 # every frame is authenticated: signals of the freshness value and of the MAC

@@ -2,7 +2,8 @@
 
 A frame is 64-bit words, byte 0 lowest in the first; the top bit of each is its sign. A classic
 frame is one word. One integer multiply and one rounding shift turn a raw code into a field's format
-and back; the factor is exact to 2**-29. Floating-point numbers: :mod:`firmware.com.float32`.
+and back; the factor is exact to 2**-29. Floating-point numbers:
+:mod:`canroll.firmware.com.float32`.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -10,8 +11,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, floor
 
-from codegen.frame.raw_signal import REAL_BITS, RawSignal, real_of
-from codegen.generated.mapped_signal import MappedSignal
+from canroll.codegen.frame.raw_signal import REAL_BITS, RawSignal, real_of
+from canroll.codegen.generated.mapped_signal import MappedSignal
 
 FACTOR_BITS = 30
 LINE = 100

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from codegen.operations.intervals import KINDS, Value
+from canroll.codegen.operations.intervals import KINDS, Value
 
 C_TYPES = {
     "i32": "int32_t",

@@ -5,7 +5,7 @@ Each function takes the interval of the result and the operands.
 
 from dataclasses import replace
 
-from codegen.operations.c_expression import (
+from canroll.codegen.operations.c_expression import (
     PRIMARY,
     Expression,
     as_byte,
@@ -16,7 +16,7 @@ from codegen.operations.c_expression import (
     unsigned,
     widened,
 )
-from codegen.operations.intervals import BITS_31, KINDS, Value, shift_rounded
+from canroll.codegen.operations.intervals import BITS_31, KINDS, Value, shift_rounded
 
 
 def right_shift(seen: Value, a: Expression, b: Expression) -> Expression:

@@ -5,7 +5,7 @@ import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from codegen.operations.intervals import Value
+from canroll.codegen.operations.intervals import Value
 
 
 @dataclass(frozen=True, slots=True)

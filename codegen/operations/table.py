@@ -12,11 +12,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from codegen.operations import c_forms
-from codegen.operations import intervals as iv
-from codegen.operations.c_expression import Expression, binary
-from codegen.operations.intervals import BITS_31, KINDS, Value
-from firmware import subset
+from canroll.codegen.operations import c_forms
+from canroll.codegen.operations import intervals as iv
+from canroll.codegen.operations.c_expression import Expression, binary
+from canroll.codegen.operations.intervals import BITS_31, KINDS, Value
+from canroll.firmware import subset
 
 Obligation = tuple[bool, str, Value]
 """Whether it is met, what is wrong where not, and the interval that shows it."""

@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 from functools import reduce
 from itertools import product
 
-from codegen.operations import intervals as iv
-from codegen.operations.intervals import KINDS, Value
-from codegen.operations.relations import RELATIONS, narrow
-from codegen.operations.table import OPERATORS, Access, Operation
-from codegen.subset.program import (
+from canroll.codegen.operations import intervals as iv
+from canroll.codegen.operations.intervals import KINDS, Value
+from canroll.codegen.operations.relations import RELATIONS, narrow
+from canroll.codegen.operations.table import OPERATORS, Access, Operation
+from canroll.codegen.subset.program import (
     CONST_RECORD,
     Constant,
     FieldReference,
@@ -29,7 +29,7 @@ from codegen.subset.program import (
     elements,
     is_scalar,
 )
-from codegen.subset.walk import walk
+from canroll.codegen.subset.walk import walk
 
 UNROLLED = 64
 """Rounds of a loop that are followed one by one."""

@@ -11,11 +11,11 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from itertools import count
 
+from canroll.codegen.operations.intervals import Value, hull
+from canroll.codegen.proof.interpreter import FieldElement, Interpreter, Way
+from canroll.codegen.proof.prove import any_calibration, entries_of
+from canroll.codegen.subset.program import Program
 from canroll.errors import CanrollError
-from codegen.operations.intervals import Value, hull
-from codegen.proof.interpreter import FieldElement, Interpreter, Way
-from codegen.proof.prove import any_calibration, entries_of
-from codegen.subset.program import Program
 
 WIDENED = 3
 """Rounds to an invariant after which an element that still grows has its declared range."""

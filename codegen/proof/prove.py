@@ -1,7 +1,7 @@
 """Proof of no overflow, index out of range or division by zero, for all states and frames.
 
-Each entry point runs on intervals (:mod:`codegen.proof.interpreter`), from any state within the
-declared field ranges, any bytes in the mailboxes and any calibration that ``check`` accepts;
+Each entry point runs on intervals (:mod:`canroll.codegen.proof.interpreter`), from any state within
+the declared field ranges, any bytes in the mailboxes and any calibration that ``check`` accepts;
 ``check`` itself from any calibration at all. Every intermediate fits 64 bits, every store its type
 and its field's range, every index its array, no divisor is zero, every shift count lies in 1 … 62.
 As the field ranges are both assumed and shown, they are an invariant that holds at all times after
@@ -13,10 +13,10 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from codegen.operations.intervals import Value
-from codegen.proof.interpreter import Finding, Interpreter
-from codegen.subset.parse import load
-from codegen.subset.program import Function, Program
+from canroll.codegen.operations.intervals import Value
+from canroll.codegen.proof.interpreter import Finding, Interpreter
+from canroll.codegen.subset.parse import load
+from canroll.codegen.subset.program import Function, Program
 
 ENTRIES = ("init", "receive", "tick")
 CHECK = ("check", "check")

@@ -3,10 +3,10 @@
 import ast
 from collections.abc import Collection, Iterator, Mapping, Set
 
-from codegen.operations.table import Access
-from codegen.subset.program import FieldReference, Function, Parameter, Program, SubsetError
-from codegen.subset.resolve import stored
-from codegen.subset.walk import walk
+from canroll.codegen.operations.table import Access
+from canroll.codegen.subset.program import FieldReference, Function, Parameter, Program, SubsetError
+from canroll.codegen.subset.resolve import stored
+from canroll.codegen.subset.walk import walk
 
 STATE = "Ecu"
 CALIBRATION = "Calibration"

@@ -6,18 +6,18 @@ its loops end after a proved number of iterations.
 
 import ast
 
-from codegen.proof.interpreter import UNROLLED
-from codegen.proof.prove import Proof
-from codegen.proof.service_rules import STATE, foreign_stores
-from codegen.subset.parse import load
-from codegen.subset.program import (
+from canroll.codegen.proof.interpreter import UNROLLED
+from canroll.codegen.proof.prove import Proof
+from canroll.codegen.proof.service_rules import STATE, foreign_stores
+from canroll.codegen.subset.parse import load
+from canroll.codegen.subset.program import (
     Constant,
     FieldReference,
     Function,
     Program,
     SubsetError,
 )
-from codegen.subset.walk import walk
+from canroll.codegen.subset.walk import walk
 
 NAME = "stage"
 ESTIMATE = "x"

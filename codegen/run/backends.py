@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from canroll.codegen.run import BACKENDS, memory_image, native
+from canroll.codegen.run.bus_firmware import BusFirmware, built_in
+from canroll.codegen.run.ecu import Backend, EcuBackend
+from canroll.codegen.run.ecu_traffic import EcuTraffic, Frame, Payload
+from canroll.codegen.run.machine import PythonMachine
+from canroll.codegen.run.secured import NEW, Lasting, SecuredEcu
+from canroll.dbc.keys import DEVELOPMENT_KEY
 from canroll.errors import CanrollError, UnknownNameError
-from codegen.run import BACKENDS, memory_image, native
-from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.ecu import Backend, EcuBackend
-from codegen.run.ecu_traffic import EcuTraffic, Frame, Payload
-from codegen.run.machine import PythonMachine
-from codegen.run.secured import NEW, Lasting, SecuredEcu
-from dbc.keys import DEVELOPMENT_KEY
-from firmware.calibration import Calibration
+from canroll.firmware.calibration import Calibration
 
 __all__ = ["Backend", "NativeEcu", "PythonEcu", "Recorder", "default_backend", "open_backend"]
 
@@ -79,7 +79,7 @@ def open_backend(
         ecu = NativeEcu(calibration, firmware)
     else:
         # the builds for a processor, its emulator and the reader of its images
-        from codegen.run.unicorn import CortexEcu  # noqa: PLC0415
+        from canroll.codegen.run.unicorn import CortexEcu  # noqa: PLC0415
 
         ecu = CortexEcu(calibration, cpu=name, firmware=firmware)
     if not ecu.firmware.bus.secured:

@@ -14,18 +14,18 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import dbc
+from canroll import dbc
+from canroll.codegen.c99 import kept
+from canroll.codegen.generated.bus_map import BusMap, load
+from canroll.codegen.generated.mailbox import room
+from canroll.codegen.generated.own_stage import OwnStage
+from canroll.codegen.run.service import SERVICES
+from canroll.dbc.reader import Files
 from canroll.errors import CanrollError
-from codegen.c99 import kept
-from codegen.generated.bus_map import BusMap, load
-from codegen.generated.mailbox import room
-from codegen.generated.own_stage import OwnStage
-from codegen.run.service import SERVICES
-from dbc.reader import Files
-from firmware.state import Ecu
+from canroll.firmware.state import Ecu
 
 if TYPE_CHECKING:
-    from codegen.subset.program import Program
+    from canroll.codegen.subset.program import Program
 
 Result = TypeVar("Result")
 MAP = dbc.PATH.with_suffix(".toml")
@@ -123,7 +123,7 @@ class BusFirmware:
     def loop(self) -> ModuleType:
         """The module with ``init``, ``receive`` and ``tick``, for CPython."""
         if not self.modules:
-            return importlib.import_module("firmware.ecu")
+            return importlib.import_module("canroll.firmware.ecu")
         loop: ModuleType = _translation().imported(self.modules, self.services)
         return loop
 
@@ -164,7 +164,7 @@ class BusFirmware:
 
 def _translation() -> ModuleType:
     # parser, prover and translator: a third of a command's imports, for what is kept from before
-    from codegen.run import translation  # noqa: PLC0415
+    from canroll.codegen.run import translation  # noqa: PLC0415
 
     return translation
 
@@ -197,7 +197,7 @@ def with_stage(firmware: BusFirmware, stage: OwnStage | None) -> BusFirmware:
     """
     if stage is None:
         return firmware
-    from codegen.run import stage_modules  # noqa: PLC0415 - the parser, for a stage alone
+    from canroll.codegen.run import stage_modules  # noqa: PLC0415 - the parser, for a stage alone
 
     modules = {**firmware.modules, **stage_modules.modules(stage)}
     its = replace(firmware, modules=modules, stage=stage)
@@ -228,7 +228,7 @@ def _sources(services: tuple[str, ...]) -> Mapping[str, tuple[Path, str]]:
     """
     if not services:
         return {}
-    from codegen.subset.program import file_of  # noqa: PLC0415 - the parser, for services alone
+    from canroll.codegen.subset.program import file_of  # noqa: PLC0415 - the parser, for services alone
 
     found: dict[str, tuple[Path, str]] = {}
     for name in (name for name in services if name != AUTHENTICATION):

@@ -1,7 +1,7 @@
 """Cortex-M builds of the firmware, and results of a run on an emulator.
 
-*unicorn* (:mod:`codegen.run.unicorn`): built by the zig compiler, emulated in this process; both
-come with pip (``canroll[target]``). *qemu* (:mod:`codegen.run.qemu`): built by
+*unicorn* (:mod:`canroll.codegen.run.unicorn`): built by the zig compiler, emulated in this process;
+both come with pip (``canroll[target]``). *qemu* (:mod:`canroll.codegen.run.qemu`): built by
 arm-none-eabi-gcc, run by QEMU, instructions counted by a plugin; where both are installed. A figure
 always names its counter: the two count differently (unicorn's hooks skip the instructions whose
 condition failed), and neither counts cycles.
@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll import build_cache
+from canroll.codegen.c99 import emit
+from canroll.codegen.run.bus_firmware import BusFirmware, built_in
+from canroll.codegen.run.memory_image import event_of
 from canroll.errors import CanrollError, MissingExtraError, UnknownNameError
-from codegen.c99 import emit
-from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.memory_image import event_of
 
 BOARD = Path(__file__).parents[1] / "board"
 OPTIMISATION = ("-Os", "-fno-move-loop-invariants", "-fno-schedule-insns2", "-fno-if-conversion2")

@@ -2,11 +2,11 @@
 
 from typing import Any, Protocol, runtime_checkable
 
-from codegen.run import memory_image
-from codegen.run.bus_firmware import BusFirmware
-from codegen.run.ecu_traffic import Frame, Payload, refused
-from codegen.run.machine import Machine, MachineRecord
-from firmware.calibration import Calibration
+from canroll.codegen.run import memory_image
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.codegen.run.ecu_traffic import Frame, Payload, refused
+from canroll.codegen.run.machine import Machine, MachineRecord
+from canroll.firmware.calibration import Calibration
 
 
 @runtime_checkable

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.codegen.generated.bus_map import BusMap
+from canroll.codegen.generated.mailbox import Mailbox
+from canroll.codegen.generated.mailbox import room as _room
+from canroll.codegen.run.bus_firmware import built_in
+from canroll.codegen.run.memory_image import event, event_of, sealed
 from canroll.errors import CanrollError
-from codegen.generated.bus_map import BusMap
-from codegen.generated.mailbox import Mailbox
-from codegen.generated.mailbox import room as _room
-from codegen.run.bus_firmware import built_in
-from codegen.run.memory_image import event, event_of, sealed
-from firmware.calibration import N_RX, STATE_MAX, Calibration
-from firmware.security.secoc_state import COUNTER_MAX, FRESHNESS_AT, MAC_AT, RESET_MAX
-from firmware.state import RX_ACTUATOR_STATE, Ecu
-from firmware.subset import fields, filled
+from canroll.firmware.calibration import N_RX, STATE_MAX, Calibration
+from canroll.firmware.security.secoc_state import COUNTER_MAX, FRESHNESS_AT, MAC_AT, RESET_MAX
+from canroll.firmware.state import RX_ACTUATOR_STATE, Ecu
+from canroll.firmware.subset import fields, filled
 
 EVENT = event_of(Ecu)
 """One frame on the built-in bus in the tick before which it arrives, or in which it is sent."""
@@ -73,7 +73,7 @@ def random_calibration(seed: int) -> Calibration:
     """
     rng, limits = np.random.default_rng(seed), np.random.default_rng([seed, 1])
     # the ECU's check in Python, which only such a calibration needs
-    from firmware import check  # noqa: PLC0415
+    from canroll.firmware import check  # noqa: PLC0415
 
     while True:
         record = Calibration()

@@ -2,15 +2,15 @@
 
 A function is named as in the firmware: ``tick`` of the loop, ``xcp.tick`` of a module beside it.
 Three machines have this interface: CPython (here), this computer running the compiled C
-(:class:`codegen.run.native.NativeMachine`), an emulated Cortex-M
-(:class:`codegen.run.unicorn.CortexMachine`).
+(:class:`canroll.codegen.run.native.NativeMachine`), an emulated Cortex-M
+(:class:`canroll.codegen.run.unicorn.CortexMachine`).
 """
 
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from codegen.run import memory_image
-from codegen.run.bus_firmware import BusFirmware
+from canroll.codegen.run import memory_image
+from canroll.codegen.run.bus_firmware import BusFirmware
 
 
 class MachineRecord(Protocol):

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError, optional
-from firmware.calibration import Calibration
-from firmware.subset import fields
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.subset import fields
 
 NUMPY = {"i32": "<i4", "u8": "u1"}
 HIGHEST_ADDRESS = 1 << 32

@@ -27,14 +27,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll import build_cache
+from canroll.codegen.c99 import record_name
+from canroll.codegen.run.bus_firmware import BusFirmware, built_in
+from canroll.codegen.run.ecu_traffic import EcuTraffic, refused
+from canroll.codegen.run.machine import c_name
+from canroll.codegen.run.memory_image import dtype, event_of, fill, image
 from canroll.errors import CanrollError
-from codegen.c99 import record_name
-from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.ecu_traffic import EcuTraffic, refused
-from codegen.run.machine import c_name
-from codegen.run.memory_image import dtype, event_of, fill, image
-from firmware.calibration import Calibration
-from firmware.state import Ecu
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.state import Ecu
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
 DECLARATIONS = """
@@ -230,7 +230,7 @@ class NativeMachine:
         return NativeRecord(value, self.library)
 
     def call(self, function: str, *arguments: Any) -> int:  # noqa: ANN401
-        """Call a function; see :meth:`codegen.run.machine.Machine.call`."""
+        """Call a function; see :meth:`canroll.codegen.run.machine.Machine.call`."""
         run = self._functions.get(function)
         if run is None:
             run = self._functions[function] = getattr(self.library.lib, c_name(function))
@@ -268,7 +268,7 @@ def build(
     record: type = Ecu,
     services: Sequence[str] = (),
 ) -> Library:
-    """Compile ``files`` (as :func:`codegen.c99.emit.emit` returns them) and load the library.
+    """Compile ``files`` (of :func:`canroll.codegen.c99.emit.emit`) and load the library.
 
     ``record`` is the class of their state record; ``services`` are those in ``files``.
     """

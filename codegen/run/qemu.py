@@ -11,10 +11,9 @@ import numpy as np
 from elftools.elf.elffile import ELFFile
 from numpy.typing import NDArray
 
-from canroll.errors import CanrollError
-from codegen.run import memory_image
-from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.cortex import (
+from canroll.codegen.run import memory_image
+from canroll.codegen.run.bus_firmware import BusFirmware, built_in
+from canroll.codegen.run.cortex import (
     BOARD,
     CortexRun,
     built,
@@ -23,10 +22,11 @@ from codegen.run.cortex import (
     optimisation_of,
     sent,
 )
-from codegen.run.ecu_traffic import EcuTraffic
-from codegen.run.secured import listening_ticks
-from dbc.keys import DEVELOPMENT_KEY
-from firmware.calibration import Calibration
+from canroll.codegen.run.ecu_traffic import EcuTraffic
+from canroll.codegen.run.secured import listening_ticks
+from canroll.dbc.keys import DEVELOPMENT_KEY
+from canroll.errors import CanrollError
+from canroll.firmware.calibration import Calibration
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,11 +7,11 @@ sent; lasting memory counts the starts and remembers those of the senders.
 from dataclasses import dataclass
 from typing import Any
 
-from codegen.run.bus_firmware import BusFirmware
-from codegen.run.ecu import EcuBackend
-from codegen.run.ecu_traffic import Frame, Payload
-from codegen.run.machine import Machine, MachineRecord
-from firmware.security.secoc_state import RESET_MAX, SECURED
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.codegen.run.ecu import EcuBackend
+from canroll.codegen.run.ecu_traffic import Frame, Payload
+from canroll.codegen.run.machine import Machine, MachineRecord
+from canroll.firmware.security.secoc_state import RESET_MAX, SECURED
 
 LISTENING_US = 100_000
 """Time after a start for which no frame is taken, µs: twice the slowest cycle time in use."""

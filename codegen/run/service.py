@@ -11,7 +11,7 @@ from canroll.errors import CanrollError
 from canroll.registry import Registry
 
 if TYPE_CHECKING:
-    from codegen.generated.bus_map import BusMap
+    from canroll.codegen.generated.bus_map import BusMap
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,8 +25,8 @@ class Service:
         stores: fields of the loop's state in which it stores, beside its own records.
         needs: services with all of which it is there too, without an option of its own.
         hears: identifier of the frames for it on a bus; None: none.
-        start: called with a running ECU, returns a :class:`codegen.run.services.Served`; "": it is
-            exported only.
+        start: called with a running ECU, returns a :class:`canroll.codegen.run.services.Served`;
+            "": it is exported only.
         session: called with contents and code of a bundle, returns its test in C; "": none.
         note: likewise, its section of the README.
         tested: row of the README's table of tests.
@@ -48,6 +48,9 @@ class Service:
 
     def sources(self) -> Mapping[str, tuple[Path, str]]:
         """Return place and text of its modules by file name, as modules of the firmware."""
+        # here, as a command that translates nothing imports no translator
+        from canroll.codegen.subset.program import PACKAGE  # noqa: PLC0415
+
         place, imported = (
             Path(*self.modules.split(".")),
             rf"^from {re.escape(self.modules)}(?=[. ])",
@@ -56,7 +59,7 @@ class Service:
         return {
             path.name: (
                 place / path.name,
-                re.sub(imported, "from firmware", path.read_text("utf-8"), flags=re.MULTILINE),
+                re.sub(imported, f"from {PACKAGE}", path.read_text("utf-8"), flags=re.MULTILINE),
             )
             for path in paths
             if path.name.endswith(".py") and path.name != "__init__.py"

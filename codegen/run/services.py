@@ -4,16 +4,16 @@ from collections.abc import Mapping
 from pkgutil import resolve_name
 from typing import Any, Protocol
 
+from canroll.codegen.run.backends import NativeEcu, PythonEcu, open_backend
+from canroll.codegen.run.bus_firmware import AUTHENTICATION, BusFirmware, built_in
+from canroll.codegen.run.ecu import Backend, EcuBackend
+from canroll.codegen.run.ecu_traffic import Frame, Payload
+from canroll.codegen.run.machine import MachineRecord
+from canroll.codegen.run.secured import NEW, Lasting
+from canroll.codegen.run.service import SERVICES
+from canroll.dbc.keys import DEVELOPMENT_KEY
 from canroll.errors import CanrollError
-from codegen.run.backends import NativeEcu, PythonEcu, open_backend
-from codegen.run.bus_firmware import AUTHENTICATION, BusFirmware, built_in
-from codegen.run.ecu import Backend, EcuBackend
-from codegen.run.ecu_traffic import Frame, Payload
-from codegen.run.machine import MachineRecord
-from codegen.run.secured import NEW, Lasting
-from codegen.run.service import SERVICES
-from dbc.keys import DEVELOPMENT_KEY
-from firmware.calibration import Calibration
+from canroll.firmware.calibration import Calibration
 
 
 class Served(Protocol):
@@ -92,7 +92,7 @@ def open_ecu(
     """Start an ECU with ``calibration`` and the services of ``firmware`` on the backend ``name``.
 
     ``key`` and ``lasting`` are for a bus with authenticated frames, as in
-    :func:`codegen.run.backends.open_backend`.
+    :func:`canroll.codegen.run.backends.open_backend`.
 
     Raises:
         CanrollError: as there, or the backend or the bus has no services.

@@ -7,10 +7,10 @@ was made for starts it, as its CRC is that of the record it is given. CPython ru
 from dataclasses import replace
 from functools import cache
 
-from codegen.run.bus_firmware import BusFirmware
-from codegen.run.ecu_traffic import refused
-from codegen.run.memory_image import fill, image
-from firmware.calibration import Calibration
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.codegen.run.ecu_traffic import refused
+from canroll.codegen.run.memory_image import fill, image
+from canroll.firmware.calibration import Calibration
 
 
 def specialised(firmware: BusFirmware, record: Calibration) -> BusFirmware:

@@ -8,18 +8,18 @@ import tokenize
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from codegen.generated.own_stage import NAME, OwnStage
-from codegen.proof.service_rules import STATE
-from codegen.subset import grammar
-from codegen.subset.parse import load
-from codegen.subset.program import FIRMWARE, Module, RecordField, SubsetError, copy_sources
-from codegen.subset.rules import C_WORDS
+from canroll.codegen.generated.own_stage import NAME, OwnStage
+from canroll.codegen.proof.service_rules import STATE
+from canroll.codegen.subset import grammar
+from canroll.codegen.subset.parse import load
+from canroll.codegen.subset.program import FIRMWARE, Module, RecordField, SubsetError, copy_sources
+from canroll.codegen.subset.rules import C_WORDS
 
 FILE = f"{NAME}.py"
 IMPORTS = """
-from firmware.calibration import Calibration
-from firmware.state import Ecu
-from firmware.subset import i32
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import i32
 """
 
 

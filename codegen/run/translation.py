@@ -14,19 +14,19 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
-from codegen.c99 import emit
-from codegen.c99.notes import Notes
-from codegen.generated import frames, protection, signals
-from codegen.generated.bus_map import BusMap
-from codegen.generated.own_stage import NAME, OwnStage
-from codegen.proof import service_rules, stage_rules
-from codegen.proof.prove import prove
-from codegen.run import memory_image
-from codegen.run.service import SERVICES
-from codegen.subset import grammar, parse, rules
-from codegen.subset.program import FIRMWARE, Program, copy_sources, file_of
-from dbc.reader import Files
-from firmware.calibration import Calibration
+from canroll.codegen.c99 import emit
+from canroll.codegen.c99.notes import Notes
+from canroll.codegen.generated import frames, protection, signals
+from canroll.codegen.generated.bus_map import BusMap
+from canroll.codegen.generated.own_stage import NAME, OwnStage
+from canroll.codegen.proof import service_rules, stage_rules
+from canroll.codegen.proof.prove import prove
+from canroll.codegen.run import memory_image
+from canroll.codegen.run.service import SERVICES
+from canroll.codegen.subset import grammar, parse, rules
+from canroll.codegen.subset.program import FIRMWARE, PACKAGE, Program, copy_sources, file_of
+from canroll.dbc.reader import Files
+from canroll.firmware.calibration import Calibration
 
 GENERATED = {
     "frames.py": frames.generate,
@@ -116,7 +116,9 @@ def imported(modules: Mapping[str, str], services: Sequence[str]) -> ModuleType:
     with folder_of(modules) as folder:
         for path in folder.rglob("*.py"):
             source = path.read_text(encoding="utf-8")
-            source = re.sub(r"^from firmware\b", f"from {name}", source, flags=re.MULTILINE)
+            source = re.sub(
+                rf"^from {re.escape(PACKAGE)}\b", f"from {name}", source, flags=re.MULTILINE
+            )
             path.write_text(source, encoding="utf-8-sig")  # no other, whatever its first line says
         spec = importlib.util.spec_from_file_location(
             name, folder / "__init__.py", submodule_search_locations=[str(folder)]

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 from elftools.elf.elffile import ELFFile
 
+from canroll.codegen.run import memory_image
+from canroll.codegen.run.bus_firmware import BusFirmware, built_in
+from canroll.codegen.run.cortex import CPUS, CortexRun, sent, zig_image
+from canroll.codegen.run.ecu import EcuBackend
+from canroll.codegen.run.ecu_traffic import EcuTraffic
+from canroll.codegen.run.machine import c_name
+from canroll.codegen.run.secured import SecocModule, listening_ticks
 from canroll.errors import optional
-from codegen.run import memory_image
-from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.cortex import CPUS, CortexRun, sent, zig_image
-from codegen.run.ecu import EcuBackend
-from codegen.run.ecu_traffic import EcuTraffic
-from codegen.run.machine import c_name
-from codegen.run.secured import SecocModule, listening_ticks
-from firmware.calibration import Calibration
+from canroll.firmware.calibration import Calibration
 
 RECORDS, ARRAYS, RETURN, STACK_TOP = 0x20010000, 0x20006000, 0x20007000, 0x20010000
 """Addresses of the records, one after the other, of arrays that are arguments of a call, of what a
@@ -115,7 +115,7 @@ class CortexMachine:
         return record
 
     def call(self, function: str, *arguments: Any) -> int:  # noqa: ANN401
-        """Call a function; see :meth:`codegen.run.machine.Machine.call`."""
+        """Call a function; see :meth:`canroll.codegen.run.machine.Machine.call`."""
         words = [self._passed(place, argument) for place, argument in enumerate(arguments)]
         names = self._registers
         # the fifth argument and those after it are on the stack, which stays aligned to eight

@@ -2,9 +2,9 @@
 
 import ast
 
-from codegen.operations.relations import RELATIONS
-from codegen.operations.table import OPERATORS, Access, Operation
-from codegen.subset.program import (
+from canroll.codegen.operations.relations import RELATIONS
+from canroll.codegen.operations.table import OPERATORS, Access, Operation
+from canroll.codegen.subset.program import (
     CONST_RECORD,
     Constant,
     FieldReference,
@@ -19,7 +19,7 @@ from codegen.subset.program import (
     evaluate,
     is_scalar,
 )
-from codegen.subset.walk import walk
+from canroll.codegen.subset.walk import walk
 
 
 class ExpressionRules:

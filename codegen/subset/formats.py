@@ -10,8 +10,8 @@ import ast
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from codegen.operations.table import Operation
-from codegen.subset.program import (
+from canroll.codegen.operations.table import Operation
+from canroll.codegen.subset.program import (
     Constant,
     FieldReference,
     Function,
@@ -20,7 +20,7 @@ from codegen.subset.program import (
     Program,
     statements,
 )
-from codegen.subset.walk import walk
+from canroll.codegen.subset.walk import walk
 
 KEPT = frozenset({"absolute", "clamp", "narrow", "sat31", "sat32"})
 """Intrinsics whose result has the format of their first operand."""

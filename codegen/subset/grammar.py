@@ -10,10 +10,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from types import EllipsisType
 
-from codegen.operations.intervals import KINDS
-from codegen.operations.relations import RELATIONS
-from codegen.operations.table import CONSTANT_OPERATORS, INTRINSICS, OPERATORS
-from codegen.subset.program import LIMITS, MOST_BITS, PACKAGE, RUNTIME, SubsetError
+from canroll.codegen.operations.intervals import KINDS
+from canroll.codegen.operations.relations import RELATIONS
+from canroll.codegen.operations.table import CONSTANT_OPERATORS, INTRINSICS, OPERATORS
+from canroll.codegen.subset.program import LIMITS, MOST_BITS, PACKAGE, RUNTIME, SubsetError
 
 WORDS = frozenset((*KINDS, *LIMITS, *INTRINSICS, "F", "record"))
 """What the subset itself offers to modules of the firmware."""
@@ -100,7 +100,7 @@ class _Grammar:
         for alias in names:
             name = alias.name
             of_runtime = source == f"{PACKAGE}.{RUNTIME}"
-            of_firmware = source.partition(".")[0] == PACKAGE and not name.startswith(("_", "*"))
+            of_firmware = f"{source}.".startswith(f"{PACKAGE}.") and not name.startswith(("_", "*"))
             known = name in WORDS if of_runtime else of_firmware and name != RUNTIME
             if alias.asname is not None or not (known or (source, name) == ("typing", "Annotated")):
                 raise self.refuse(node)

@@ -1,13 +1,13 @@
 """Removal of calls of empty functions from a program.
 
-A hook, such as those of ``firmware.stage``, then costs nothing if unused: no instruction, no line
-of C. A function is empty if it has no statement, or only returns one of its parameters.
+A hook, such as those of ``canroll.firmware.stage``, then costs nothing if unused: no instruction,
+no line of C. A function is empty if it has no statement, or only returns one of its parameters.
 """
 
 import ast
 from collections.abc import Mapping
 
-from codegen.subset.program import Function, Module, Program, names, statements
+from canroll.codegen.subset.program import Function, Module, Program, names, statements
 
 
 def leave_out(program: Program) -> None:

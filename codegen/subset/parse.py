@@ -1,8 +1,8 @@
-"""Parser of the integer subset's source files into a :class:`codegen.subset.program.Program`.
+"""Parser of the integer subset's files into :class:`canroll.codegen.subset.program.Program`.
 
 :func:`load` follows the imports from an entry module and orders the modules so that each comes
 after those it uses. Anything outside the subset raises a SubsetError that names file, line and
-rule; the rules for function bodies are in :mod:`codegen.subset.rules`.
+rule; the rules for function bodies are in :mod:`canroll.codegen.subset.rules`.
 """
 
 import ast
@@ -11,11 +11,10 @@ import tokenize
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
-from canroll.errors import CanrollError
-from codegen.operations.intervals import KINDS
-from codegen.subset import idle
-from codegen.subset.grammar import WORDS, parsed
-from codegen.subset.program import (
+from canroll.codegen.operations.intervals import KINDS
+from canroll.codegen.subset import idle
+from canroll.codegen.subset.grammar import WORDS, parsed
+from canroll.codegen.subset.program import (
     FIRMWARE,
     PACKAGE,
     RUNTIME,
@@ -32,7 +31,8 @@ from codegen.subset.program import (
     evaluate,
     file_of,
 )
-from codegen.subset.resolve import resolve
+from canroll.codegen.subset.resolve import resolve
+from canroll.errors import CanrollError
 
 
 def load(
@@ -104,20 +104,25 @@ def _comments(source: str) -> dict[int, tuple[bool, str]]:
 def _import(module: Module, node: ast.ImportFrom, folder: Path) -> None:
     """Note what an import brings; modules are known by their own name, whatever their room."""
     source = node.module or ""
-    room = folder.joinpath(*source.split(".")[1:]) if source.startswith(f"{PACKAGE}.") else folder
+    room = folder.joinpath(*source.removeprefix(PACKAGE).split(".")) if _is_own(source) else folder
     for alias in node.names:
         if alias.asname is not None:
             raise SubsetError(module.path, node, "an import must not rename: remove 'as'")
         home = source.rpartition(".")[2]
         if source == PACKAGE or (room.is_dir() and room != folder):
             home = module.modules[alias.name] = alias.name
-        elif source.startswith(f"{PACKAGE}."):
+        elif _is_own(source):
             module.imported[alias.name] = (home, alias.name)
         elif (source, alias.name) != ("typing", "Annotated"):
-            raise SubsetError(module.path, node, f"only the firmware imports itself, not {source}")
-        if source.startswith(PACKAGE) and home != RUNTIME and not file_of(home, folder).is_file():
-            named = f"{PACKAGE}.{home}" if source == PACKAGE else source
+            raise SubsetError(module.path, node, f"only {PACKAGE} is imported, not {source}")
+        named = f"{PACKAGE}.{home}" if source == PACKAGE else source
+        if _is_own(named) and home != RUNTIME and not file_of(home, folder).is_file():
             raise SubsetError(module.path, node, f"there is no module {named}")
+
+
+def _is_own(source: str) -> bool:
+    """Whether a module of the firmware is named."""
+    return source.startswith(f"{PACKAGE}.")
 
 
 def _refuse_unknown(program: Program, module: Module, node: ast.ImportFrom) -> None:
@@ -150,7 +155,7 @@ def _top_level(program: Program, module: Module, node: ast.stmt) -> None:
         module.records[node.name] = _record(program, module, node)
     elif isinstance(node, ast.Import):
         names = ", ".join(alias.name for alias in node.names)
-        raise SubsetError(module.path, node, f"only the firmware imports itself, not {names}")
+        raise SubsetError(module.path, node, f"only {PACKAGE} is imported, not {names}")
     else:
         rule = "a module holds imports, constants, records and functions"
         raise SubsetError(module.path, node, rule)

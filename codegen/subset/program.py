@@ -1,6 +1,7 @@
 """The firmware as data: modules of the integer subset parsed, their names resolved.
 
-Nothing is imported or run: :mod:`codegen.subset.parse` reads the sources into these classes.
+Nothing is imported or run: :mod:`canroll.codegen.subset.parse` reads the sources into these
+classes.
 """
 
 import ast
@@ -12,13 +13,13 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
+from canroll.codegen.operations.intervals import KINDS
+from canroll.codegen.operations.table import CONSTANT_OPERATORS, INTRINSICS, Intrinsic
+from canroll.codegen.subset.walk import walk
 from canroll.errors import CanrollError
-from codegen.operations.intervals import KINDS
-from codegen.operations.table import CONSTANT_OPERATORS, INTRINSICS, Intrinsic
-from codegen.subset.walk import walk
 
 FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
-PACKAGE = "firmware"
+PACKAGE = "canroll.firmware"
 RUNTIME = "subset"
 CONST_RECORD = "Calibration"
 MOST_BITS = 128

@@ -1,14 +1,14 @@
 """Resolution: what each name, field, element and call of the functions refers to, and who writes.
 
 It is done once, as a program is loaded; the passes read :attr:`Program.refs`. What refers to
-nothing is left out, and refused by :mod:`codegen.subset.rules`.
+nothing is left out, and refused by :mod:`canroll.codegen.subset.rules`.
 """
 
 import ast
 from collections.abc import Iterable, Iterator, Mapping
 
-from codegen.operations.table import Access, Operation
-from codegen.subset.program import (
+from canroll.codegen.operations.table import Access, Operation
+from canroll.codegen.subset.program import (
     FieldReference,
     Function,
     Local,
@@ -18,7 +18,7 @@ from codegen.subset.program import (
     base,
     is_scalar,
 )
-from codegen.subset.walk import walk
+from canroll.codegen.subset.walk import walk
 
 
 def resolve(program: Program) -> None:

@@ -8,11 +8,11 @@ import ast
 import re
 from collections.abc import Callable
 
-from codegen.operations.intervals import KINDS
-from codegen.operations.table import INTRINSICS, OPERATORS
-from codegen.subset import grammar
-from codegen.subset.expression_rules import ExpressionRules, words
-from codegen.subset.program import (
+from canroll.codegen.operations.intervals import KINDS
+from canroll.codegen.operations.table import INTRINSICS, OPERATORS
+from canroll.codegen.subset import grammar
+from canroll.codegen.subset.expression_rules import ExpressionRules, words
+from canroll.codegen.subset.program import (
     CONST_RECORD,
     Constant,
     FieldReference,
@@ -23,7 +23,7 @@ from codegen.subset.program import (
     evaluate,
     is_scalar,
 )
-from codegen.subset.walk import walk
+from canroll.codegen.subset.walk import walk
 
 C_WORDS = frozenset(
     re.findall(

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 from capstone import CS_AC_WRITE, CsInsn, arm
 
-from codegen.operations.intervals import Value, add, bitwise, multiply, negate
-from codegen.worst_case.conditions import ZERO
-from codegen.worst_case.machine_state import I32, Flags, MachineState, wrapped
+from canroll.codegen.operations.intervals import Value, add, bitwise, multiply, negate
+from canroll.codegen.worst_case.conditions import ZERO
+from canroll.codegen.worst_case.machine_state import I32, Flags, MachineState, wrapped
 
 NUMBER = {
     **{getattr(arm, f"ARM_REG_R{k}"): k for k in range(13)},

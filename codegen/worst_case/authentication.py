@@ -8,9 +8,9 @@ as it is called.
 from collections import Counter
 from dataclasses import dataclass
 
-from codegen.operations.intervals import Value
-from codegen.worst_case.longest_path import Bound, LongestPath
-from codegen.worst_case.machine_state import I32, MachineState
+from canroll.codegen.operations.intervals import Value
+from canroll.codegen.worst_case.longest_path import Bound, LongestPath
+from canroll.codegen.worst_case.machine_state import I32, MachineState
 
 FRAME = 0x2000_8000
 """Where a frame is; any place apart from the records and the stack does."""

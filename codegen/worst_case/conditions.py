@@ -4,9 +4,9 @@ import ast
 
 from capstone import arm
 
-from codegen.operations.intervals import Value, add, negate
-from codegen.operations.relations import narrow
-from codegen.worst_case.machine_state import I32, Flags, MachineState
+from canroll.codegen.operations.intervals import Value, add, negate
+from canroll.codegen.operations.relations import narrow
+from canroll.codegen.worst_case.machine_state import I32, Flags, MachineState
 
 EQ, NE, HS, LO, MI, PL = (
     arm.ARM_CC_EQ,

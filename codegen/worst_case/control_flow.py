@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from graphlib import TopologicalSorter
 
+from canroll.codegen.worst_case.machine_code import MachineFunction
 from canroll.errors import CanrollError
-from codegen.worst_case.machine_code import MachineFunction
 
 
 @dataclass(frozen=True, slots=True)

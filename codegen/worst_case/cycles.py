@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 from capstone import CsInsn, arm
 
+from canroll.codegen.worst_case.machine_code import conditional, writes_pc
 from canroll.errors import CanrollError, UnknownNameError
-from codegen.worst_case.machine_code import conditional, writes_pc
 
 
 @dataclass(frozen=True, slots=True)

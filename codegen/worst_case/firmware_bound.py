@@ -8,19 +8,19 @@ from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
-from codegen.operations.intervals import Value
-from codegen.run import cortex, memory_image, qemu
-from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.ecu_traffic import EcuTraffic, disturbed, flooded, storm
-from codegen.run.qemu import CycleCosts
-from codegen.worst_case.authentication import Authentication, authentication_bound
-from codegen.worst_case.cycles import Timing
-from codegen.worst_case.longest_path import Bound, LongestPath
-from codegen.worst_case.machine_code import MachineImage, Section
-from codegen.worst_case.machine_state import Area, MachineState, Promises
-from codegen.worst_case.transfer import Transfer
-from firmware.calibration import Calibration
-from firmware.subset import fields
+from canroll.codegen.operations.intervals import Value
+from canroll.codegen.run import cortex, memory_image, qemu
+from canroll.codegen.run.bus_firmware import BusFirmware, built_in
+from canroll.codegen.run.ecu_traffic import EcuTraffic, disturbed, flooded, storm
+from canroll.codegen.run.qemu import CycleCosts
+from canroll.codegen.worst_case.authentication import Authentication, authentication_bound
+from canroll.codegen.worst_case.cycles import Timing
+from canroll.codegen.worst_case.longest_path import Bound, LongestPath
+from canroll.codegen.worst_case.machine_code import MachineImage, Section
+from canroll.codegen.worst_case.machine_state import Area, MachineState, Promises
+from canroll.codegen.worst_case.transfer import Transfer
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.subset import fields
 
 SIZES = {"i32": 4, "u8": 1}
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from elftools.elf.elffile import ELFFile
 
-from codegen.run import memory_image
-from firmware.calibration import Calibration
-from firmware.state import Ecu
+from canroll.codegen.run import memory_image
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.state import Ecu
 
 HEAP = ("malloc", "free", "calloc", "realloc", "sbrk", "_sbrk")
 FLOAT = re.compile(r"__aeabi_(f|d|h|c[fd]|[iu]l?2[fd]|[ul]+2[fd])(?!iv0$|ivmod$)|__\w+[sd]f[23]?$")

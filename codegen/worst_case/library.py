@@ -10,8 +10,8 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, milp
 
+from canroll.codegen.worst_case.machine_code import Block, MachineFunction, conditional
 from canroll.errors import CanrollError
-from codegen.worst_case.machine_code import Block, MachineFunction, conditional
 
 ROUNDS = {
     "__aeabi_idiv": 5,

@@ -12,16 +12,21 @@ from dataclasses import dataclass
 
 from capstone import CsInsn, arm
 
+from canroll.codegen.operations.intervals import Value
+from canroll.codegen.worst_case import library
+from canroll.codegen.worst_case.arithmetic import NUMBER
+from canroll.codegen.worst_case.conditions import EQ, NE, OPPOSITE, ZERO, where
+from canroll.codegen.worst_case.control_flow import Region, regions
+from canroll.codegen.worst_case.cycles import Timing
+from canroll.codegen.worst_case.machine_code import (
+    Block,
+    MachineFunction,
+    MachineImage,
+    conditional,
+)
+from canroll.codegen.worst_case.machine_state import I32, LR, SP, Flags, MachineState, joined
+from canroll.codegen.worst_case.transfer import Transfer
 from canroll.errors import CanrollError
-from codegen.operations.intervals import Value
-from codegen.worst_case import library
-from codegen.worst_case.arithmetic import NUMBER
-from codegen.worst_case.conditions import EQ, NE, OPPOSITE, ZERO, where
-from codegen.worst_case.control_flow import Region, regions
-from codegen.worst_case.cycles import Timing
-from codegen.worst_case.machine_code import Block, MachineFunction, MachineImage, conditional
-from codegen.worst_case.machine_state import I32, LR, SP, Flags, MachineState, joined
-from codegen.worst_case.transfer import Transfer
 
 ROUNDS_MAX = 1024
 DEPTH_MAX = 32

@@ -1,14 +1,14 @@
 """Abstract state of a processor's registers, flags and memory at one address of the code.
 
 All values are intervals of signed 32-bit integers; memory not otherwise known has the range of the
-firmware's field tables (proved for every store, :mod:`codegen.proof.prove`).
+firmware's field tables (proved for every store, :mod:`canroll.codegen.proof.prove`).
 """
 
 from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from codegen.operations.intervals import Value, hull
+from canroll.codegen.operations.intervals import Value, hull
 
 I32 = Value(-(1 << 31), (1 << 31) - 1)
 N_REGISTERS = 16

@@ -5,12 +5,11 @@ Instructions that are not modelled soundly make their targets unknown; all store
 
 from capstone import CsInsn, arm
 
-from canroll.errors import CanrollError
-from codegen.operations.intervals import Value, add, hull, multiply, negate
-from codegen.worst_case.arithmetic import NUMBER, any_value, compute
-from codegen.worst_case.conditions import OPPOSITE, where
-from codegen.worst_case.machine_code import MachineImage, conditional
-from codegen.worst_case.machine_state import (
+from canroll.codegen.operations.intervals import Value, add, hull, multiply, negate
+from canroll.codegen.worst_case.arithmetic import NUMBER, any_value, compute
+from canroll.codegen.worst_case.conditions import OPPOSITE, where
+from canroll.codegen.worst_case.machine_code import MachineImage, conditional
+from canroll.codegen.worst_case.machine_state import (
     I32,
     PC,
     SP,
@@ -19,6 +18,7 @@ from codegen.worst_case.machine_state import (
     joined,
     wrapped,
 )
+from canroll.errors import CanrollError
 
 LOADS = {
     "ldr": (4, True),

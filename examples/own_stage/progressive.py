@@ -7,9 +7,9 @@ so that the factor hardly changes within a swing.
 
 from typing import Annotated
 
-from firmware.calibration import Q_ANGLE, STATE_MAX, Calibration
-from firmware.state import ROLL, Ecu
-from firmware.subset import F, clamp, i32, i64, record, rsh, sat31
+from canroll.firmware.calibration import Q_ANGLE, STATE_MAX, Calibration
+from canroll.firmware.state import ROLL, Ecu
+from canroll.firmware.subset import F, clamp, i32, i64, record, rsh, sat31
 
 # rad in Q30: 0.1° and 0.6°
 LOW = 1874033

@@ -12,10 +12,10 @@ from udsoncan.client import Client
 from udsoncan.connections import PythonIsoTpConnection
 from udsoncan.exceptions import NegativeResponseException
 
+from canroll.codegen.run import ecu_traffic
+from canroll.codegen.run.bus_firmware import built_in
 from canroll.extensions.services.ecu_on_bus import ecu_on_bus
 from canroll.extensions.services.running import uds_frames
-from codegen.run import ecu_traffic
-from codegen.run.bus_firmware import built_in
 
 SECONDS = 60.0
 """The tester waits so long for a response: on a busy machine the ECU's thread may be late."""

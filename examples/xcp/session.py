@@ -26,12 +26,12 @@ from pyxcp.daq_stim import DaqList, DaqOnlinePolicy
 from pyxcp.master import Master
 from pyxcp.types import XcpResponseError
 
+from canroll.codegen.export import a2l
+from canroll.codegen.run import ecu_traffic
+from canroll.codegen.run.bus_firmware import built_in
 from canroll.extensions.services.ecu_on_bus import ecu_on_bus
 from canroll.extensions.services.running import PAGE_ADDRESS, STATE_ADDRESS, xcp_idents
 from canroll.extensions.services.xcp_description import described
-from codegen.export import a2l
-from codegen.run import ecu_traffic
-from codegen.run.bus_firmware import built_in
 
 IDS = xcp_idents(built_in())
 RECORD = ecu_traffic.random_calibration(3)

@@ -5,11 +5,11 @@ all counters; ``message`` is the number of a received frame. A frame is valid wh
 advanced by one, or by no more than the step accepted after frames were missed.
 """
 
-from firmware.calibration import Calibration
-from firmware.com.frames import COUNTER_MAX
-from firmware.com.signals import RX_MESSAGES
-from firmware.state import Ecu
-from firmware.subset import clamp, i32
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.com.frames import COUNTER_MAX
+from canroll.firmware.com.signals import RX_MESSAGES
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import clamp, i32
 
 NO_COUNTER = COUNTER_MAX
 STEP_MAX = 15

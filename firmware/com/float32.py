@@ -5,7 +5,7 @@ inverse where a field is sent; ``factor`` has 30 bits, 2**29 <= abs(factor) <= 2
 exact and rounded once. Only buses that have such signals have this module.
 """
 
-from firmware.subset import clamp, i32, i64, rsh
+from canroll.firmware.subset import clamp, i32, i64, rsh
 
 FRACTION = 1 << 23
 EXPONENT = 255 << 23

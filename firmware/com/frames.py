@@ -1,4 +1,4 @@
-"""Frames received, bytes of a mailbox, values of a counter; made by codegen.generated.frames.
+"""Frames received, bytes of a mailbox, counter values; by canroll.codegen.generated.frames.
 
 Not to be edited.
 """

@@ -6,11 +6,11 @@ the tick turns ``rx_side`` over by one byte store and then owns the other side. 
 
 from typing import Annotated
 
-from firmware.calibration import N_RX, Calibration
-from firmware.com import e2e, protection, signals
-from firmware.com.frames import N_FRAMES, RX_BYTES
-from firmware.state import AGE_MAX, N_TX, NO_SAMPLE, Ecu
-from firmware.subset import byte, clamp, i32, u8
+from canroll.firmware.calibration import N_RX, Calibration
+from canroll.firmware.com import e2e, protection, signals
+from canroll.firmware.com.frames import N_FRAMES, RX_BYTES
+from canroll.firmware.state import AGE_MAX, N_TX, NO_SAMPLE, Ecu
+from canroll.firmware.subset import byte, clamp, i32, u8
 
 
 def receive(ecu: Ecu, frame: i32, payload: Annotated[list[u8], RX_BYTES], length: i32) -> None:

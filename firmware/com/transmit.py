@@ -1,17 +1,17 @@
 """Frames of the ECU: the command where one is triggered, status and diagnostics in turn."""
 
-from firmware.calibration import Calibration
-from firmware.com import protection, signals
-from firmware.com.frames import COUNTER_MAX
-from firmware.event_trigger import NOTHING, command_slot
-from firmware.state import (
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.com import protection, signals
+from canroll.firmware.com.frames import COUNTER_MAX
+from canroll.firmware.event_trigger import NOTHING, command_slot
+from canroll.firmware.state import (
     AGE_MAX,
     N_TX,
     TX_DIAGNOSTICS,
     TX_STATUS,
     Ecu,
 )
-from firmware.subset import byte, clamp, i32
+from canroll.firmware.subset import byte, clamp, i32
 
 
 def queue(ecu: Ecu, cal: Calibration, slot: i32) -> None:

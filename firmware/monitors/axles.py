@@ -4,9 +4,9 @@ The body is rigid in roll, so that its suspensions roll by different angles only
 tyres do. Those carry what springs, dampers and actuator of their axle pass on, and the lateral
 force at its roll centre: of the lateral acceleration and, with opposite signs, of the yaw
 acceleration. Mass and height of the body are not in this balance, by far the largest terms of that
-of :mod:`firmware.monitors.response`, nor is a road that tilts both axles. What is left of it is the
-difference between true and reported moments of one axle less that of the other, in N·m at the
-front axle. It is washed out and low-passed as there, and rests with it, and once the tyres have
+of :mod:`canroll.firmware.monitors.response`, nor is a road that tilts both axles. What is left of
+it is the difference between true and reported moments of one axle less that of the other, in N·m at
+the front axle. It is washed out and low-passed as there, and rests with it, and once the tyres have
 left their linear range: a wheel off the road bears no more load. Springs, dampers and tyres bear no
 more than what acts, so that what the model may be wrong by is a share of the lateral force and of
 the moments, washed out alike; and what a rough road makes, which tilts one axle after the other: by
@@ -21,9 +21,9 @@ of stroke rates that come late, twice or not at all add up. What they carried at
 that changes slowly, does not count.
 """
 
-from firmware.calibration import Q_SHARE, STATE_MAX, Calibration
-from firmware.fixed_point import magnitude, product, shifted
-from firmware.monitors.residual import (
+from canroll.firmware.calibration import Q_SHARE, STATE_MAX, Calibration
+from canroll.firmware.fixed_point import magnitude, product, shifted
+from canroll.firmware.monitors.residual import (
     AXLES,
     CENTRES,
     FRONT,
@@ -40,9 +40,9 @@ from firmware.monitors.residual import (
     peak_hold,
     start_balance,
 )
-from firmware.monitors.rolling import within
-from firmware.state import Ecu
-from firmware.subset import i32, i64, rsh, sat31
+from canroll.firmware.monitors.rolling import within
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import i32, i64, rsh, sat31
 
 
 def comparable(ecu: Ecu, cal: Calibration) -> i32:

@@ -7,12 +7,12 @@ band, whatever status they report, as do actuators that follow somebody else. An
 counts as failed until the next ``init``: the evidence needs a command, which SAFE takes away.
 """
 
-from firmware.calibration import BARS, STATE_MAX, STATE_MIN, SUSPENSION, Calibration
-from firmware.fixed_point import product, with_share
-from firmware.monitors.residual import DELIVERY, judge
-from firmware.plausibility import NEEDED, STUCK
-from firmware.state import FIRST_FRAME, RX_ACTUATOR_STATE, Ecu
-from firmware.subset import clamp, i32
+from canroll.firmware.calibration import BARS, STATE_MAX, STATE_MIN, SUSPENSION, Calibration
+from canroll.firmware.fixed_point import product, with_share
+from canroll.firmware.monitors.residual import DELIVERY, judge
+from canroll.firmware.plausibility import NEEDED, STUCK
+from canroll.firmware.state import FIRST_FRAME, RX_ACTUATOR_STATE, Ecu
+from canroll.firmware.subset import clamp, i32
 
 
 def note_command(ecu: Ecu, cal: Calibration) -> None:

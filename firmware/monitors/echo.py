@@ -3,16 +3,16 @@
 The actuators echo the counter of the command they accepted. When an echo is new its command was
 sent longer ago than it may be where both ways together are late: not where a command or an echo is
 lost, as a newer one then comes back. Commands that never do are judged by
-:mod:`firmware.plausibility`. It is reported and changes no mode: the loop still has its margins,
-and what it does to the body is judged by the other monitors.
+:mod:`canroll.firmware.plausibility`. It is reported and changes no mode: the loop still has its
+margins, and what it does to the body is judged by the other monitors.
 """
 
-from firmware.calibration import Calibration
-from firmware.com import protection
-from firmware.monitors.residual import ECHO, judge
-from firmware.plausibility import FAULT_COMMAND_LATE
-from firmware.state import N_SENT, Ecu
-from firmware.subset import byte, clamp, i32, u8
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.com import protection
+from canroll.firmware.monitors.residual import ECHO, judge
+from canroll.firmware.plausibility import FAULT_COMMAND_LATE
+from canroll.firmware.state import N_SENT, Ecu
+from canroll.firmware.subset import byte, clamp, i32, u8
 
 # new echoes in a row that are late before that is reported: a single one may have stood still
 # while the actuators or the way back were away

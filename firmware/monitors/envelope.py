@@ -9,9 +9,9 @@ outward while it does not fall counts; then the outward side is closed until the
 wanting it for as long. Behind the allocation, every channel is kept within its actuator.
 """
 
-from firmware.calibration import BARS, BYPASS, DAMPERS, SUSPENSION, VALVES, Calibration
-from firmware.state import RX_IMU, RX_ROLL_REFERENCE, Ecu
-from firmware.subset import clamp, i32, rsh, sat31, scaled
+from canroll.firmware.calibration import BARS, BYPASS, DAMPERS, SUSPENSION, VALVES, Calibration
+from canroll.firmware.state import RX_IMU, RX_ROLL_REFERENCE, Ecu
+from canroll.firmware.subset import clamp, i32, rsh, sat31, scaled
 
 
 def outward(cal: Calibration, moment: i32, acceleration: i32, slow: i32) -> i32:

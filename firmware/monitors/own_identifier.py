@@ -6,11 +6,11 @@ away the one right command among the wrong ones, and a single frame would end th
 the actuators follow the other sender is judged by what they deliver.
 """
 
-from firmware.calibration import Calibration
-from firmware.event_trigger import command_slot
-from firmware.plausibility import FAULT_OWN_IDENTIFIER_HEARD
-from firmware.state import AGE_MAX, TX_STATUS, Ecu
-from firmware.subset import clamp, i32
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.event_trigger import command_slot
+from canroll.firmware.plausibility import FAULT_OWN_IDENTIFIER_HEARD
+from canroll.firmware.state import AGE_MAX, TX_STATUS, Ecu
+from canroll.firmware.subset import clamp, i32
 
 
 def watch_own_identifiers(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:

@@ -12,9 +12,16 @@ reversed or replayed, or the angle is reversed. A wrong roll rate drives the obs
 its bound, which no real bias comes near.
 """
 
-from firmware.calibration import BYPASS, Q_ACCELERATION, Q_SLIDE, Q_SPEED, STATE_MAX, Calibration
-from firmware.fixed_point import magnitude, product, with_share
-from firmware.monitors.residual import (
+from canroll.firmware.calibration import (
+    BYPASS,
+    Q_ACCELERATION,
+    Q_SLIDE,
+    Q_SPEED,
+    STATE_MAX,
+    Calibration,
+)
+from canroll.firmware.fixed_point import magnitude, product, with_share
+from canroll.firmware.monitors.residual import (
     APART,
     BIAS,
     MIRROR,
@@ -27,8 +34,8 @@ from firmware.monitors.residual import (
     peak_hold,
     side_of,
 )
-from firmware.state import FIRST_FRAME, GYRO_BIAS, RX_IMU, Ecu
-from firmware.subset import clamp, i32, rsh, sat31
+from canroll.firmware.state import FIRST_FRAME, GYRO_BIAS, RX_IMU, Ecu
+from canroll.firmware.subset import clamp, i32, rsh, sat31
 
 # bits of ecu.valid of an Imu frame: lateral acceleration and yaw rate
 LATERAL_AND_YAW = 6

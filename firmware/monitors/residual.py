@@ -8,11 +8,11 @@ up is integrated from stroke rates. A balance of one part alone is that part, pa
 may be wrong by is a share of it.
 """
 
-from firmware.calibration import ONE, Q_SHARE, STATE_MAX, Calibration
-from firmware.fixed_point import magnitude, product
-from firmware.plausibility import BAD_ACCELERATION
-from firmware.state import Ecu
-from firmware.subset import byte, clamp, i32, rsh, sat31, u8
+from canroll.firmware.calibration import ONE, Q_SHARE, STATE_MAX, Calibration
+from canroll.firmware.fixed_point import magnitude, product
+from canroll.firmware.plausibility import BAD_ACCELERATION
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import byte, clamp, i32, rsh, sat31, u8
 
 # residuals, rows of ecu.evidence and, as filters, of ecu.past, ecu.passed and ecu.bound: of the
 # body, quick; of the lateral acceleration, slow; one axle less the other; what the springs carry

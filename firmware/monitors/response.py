@@ -9,7 +9,7 @@ share of each part of the balance, washed out and low-passed as what is left ove
 unknown excuses no more than its lateral force makes then. Where more is left to one side for a
 while, no axle is believed: the sum does not tell which. At the tyres' limit, where wheels lift and
 stops are reached, shares of what the body's inertia takes and of the moments may be left over
-besides. The shares follow from what is stated not to be known (``gain_gen.monitors``).
+besides. The shares follow from what is stated not to be known (``canroll.gain_gen.monitors``).
 
 A wrong lateral acceleration is left over likewise, and differs from yaw rate times speed to the
 same side, which no lie about moments does. As no bank enters the balance, both may be small and the
@@ -25,9 +25,9 @@ and of the moments. A model that was seen to be better than it might be stays so
 springs do not change while the car drives. A rough road adds up in what is integrated.
 """
 
-from firmware.calibration import Q_SHARE, STATE_MAX, Calibration
-from firmware.fixed_point import magnitude, product, shifted
-from firmware.monitors.residual import (
+from canroll.firmware.calibration import Q_SHARE, STATE_MAX, Calibration
+from canroll.firmware.fixed_point import magnitude, product, shifted
+from canroll.firmware.monitors.residual import (
     ACTUATORS,
     BODY,
     CALM,
@@ -50,10 +50,10 @@ from firmware.monitors.residual import (
     side_of,
     start_balance,
 )
-from firmware.monitors.rolling import ROLL_SIGNAL, YAW, measured, within
-from firmware.plausibility import NEEDED
-from firmware.state import RX_ACTUATOR_STATE, RX_IMU, Ecu
-from firmware.subset import clamp, i32, i64, rsh, sat31
+from canroll.firmware.monitors.rolling import ROLL_SIGNAL, YAW, measured, within
+from canroll.firmware.plausibility import NEEDED
+from canroll.firmware.state import RX_ACTUATOR_STATE, RX_IMU, Ecu
+from canroll.firmware.subset import clamp, i32, i64, rsh, sat31
 
 # values of ecu.response_known: neither balance is judged, that of the moments, both
 UNKNOWN = 0

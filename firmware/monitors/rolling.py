@@ -10,9 +10,9 @@ A gyro that stands still to the last bit while both suspensions change their rat
 stuck: no motion and no noise does that, at the tyres' limit neither.
 """
 
-from firmware.calibration import Q_SHARE, STATE_MAX, Calibration
-from firmware.fixed_point import magnitude, product
-from firmware.monitors.residual import (
+from canroll.firmware.calibration import Q_SHARE, STATE_MAX, Calibration
+from canroll.firmware.fixed_point import magnitude, product
+from canroll.firmware.monitors.residual import (
     FRONT,
     REAR,
     ROLLING,
@@ -25,9 +25,9 @@ from firmware.monitors.residual import (
     peak_hold,
     side_of,
 )
-from firmware.plausibility import NEEDED
-from firmware.state import RX_IMU, RX_SUSPENSION_RATE, Ecu
-from firmware.subset import clamp, i32, rsh, sat31
+from canroll.firmware.plausibility import NEEDED
+from canroll.firmware.state import RX_IMU, RX_SUSPENSION_RATE, Ecu
+from canroll.firmware.subset import clamp, i32, rsh, sat31
 
 # bits of ecu.valid of an Imu frame; the first is the roll rate's of cal.measurements too
 ROLL_SIGNAL = 1

@@ -16,11 +16,11 @@ where samples are missing: those of a car that turns are far apart. So do those 
 without a new sample.
 """
 
-from firmware.calibration import Calibration
-from firmware.fixed_point import magnitude
-from firmware.plausibility import FAULT_SAMPLE_RATE_OFF, FAULT_SENSOR_ERRATIC
-from firmware.state import AGE_MAX, FIRST_FRAME, RX_IMU, RX_VEHICLE_MOTION, Ecu
-from firmware.subset import byte, clamp, i32, rsh, sat31
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.fixed_point import magnitude
+from canroll.firmware.plausibility import FAULT_SAMPLE_RATE_OFF, FAULT_SENSOR_ERRATIC
+from canroll.firmware.state import AGE_MAX, FIRST_FRAME, RX_IMU, RX_VEHICLE_MOTION, Ecu
+from canroll.firmware.subset import byte, clamp, i32, rsh, sat31
 
 # messages
 UNIT = 0

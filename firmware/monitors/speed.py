@@ -6,10 +6,10 @@ believed sample grows with time. Below walking pace nothing is believed once it 
 that stands keeps its last speed until it drives again.
 """
 
-from firmware.calibration import STATE_MAX, Calibration
-from firmware.plausibility import FAULT_SPEED
-from firmware.state import AGE_MAX, RX_VEHICLE_MOTION, Ecu
-from firmware.subset import clamp, i32, sat31
+from canroll.firmware.calibration import STATE_MAX, Calibration
+from canroll.firmware.plausibility import FAULT_SPEED
+from canroll.firmware.state import AGE_MAX, RX_VEHICLE_MOTION, Ecu
+from canroll.firmware.subset import clamp, i32, sat31
 
 SPEED = 1
 

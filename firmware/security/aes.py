@@ -7,9 +7,9 @@ that is not cached.
 
 from typing import Annotated
 
-from firmware.security.aes_tables import COLUMN_0, COLUMN_1, COLUMN_2, COLUMN_3, ROUND, SBOX
-from firmware.security.secoc_state import Secoc
-from firmware.subset import i32, to_i32, to_u32, u8, u32
+from canroll.firmware.security.aes_tables import COLUMN_0, COLUMN_1, COLUMN_2, COLUMN_3, ROUND, SBOX
+from canroll.firmware.security.secoc_state import Secoc
+from canroll.firmware.subset import i32, to_i32, to_u32, u8, u32
 
 
 def packed(a: i32, b: i32, c: i32, d: i32) -> i32:

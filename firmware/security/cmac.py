@@ -1,8 +1,8 @@
 """AES-CMAC, RFC 4493, of what ``secoc.message`` holds."""
 
-from firmware.security.aes import encrypt, packed
-from firmware.security.secoc_state import MESSAGE_MAX, Secoc
-from firmware.subset import clamp, i32, to_i32, to_u32, u32
+from canroll.firmware.security.aes import encrypt, packed
+from canroll.firmware.security.secoc_state import MESSAGE_MAX, Secoc
+from canroll.firmware.subset import clamp, i32, to_i32, to_u32, u32
 
 BLOCK = 16
 # what doubling in GF(2^128) adds for the bit that leaves

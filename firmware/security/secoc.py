@@ -12,11 +12,11 @@ however many starts were missed.
 
 from typing import Annotated
 
-from firmware.com.frames import N_FRAMES
-from firmware.com.protection import RX_DATA_IDS, TX_DATA_IDS
-from firmware.security.aes import expand, packed
-from firmware.security.cmac import cmac, start_cmac
-from firmware.security.secoc_state import (
+from canroll.firmware.com.frames import N_FRAMES
+from canroll.firmware.com.protection import RX_DATA_IDS, TX_DATA_IDS
+from canroll.firmware.security.aes import expand, packed
+from canroll.firmware.security.cmac import cmac, start_cmac
+from canroll.firmware.security.secoc_state import (
     AUTHENTICATED,
     COUNTER_MAX,
     FRESHNESS_AT,
@@ -27,8 +27,8 @@ from firmware.security.secoc_state import (
     SECURED,
     Secoc,
 )
-from firmware.state import N_TX
-from firmware.subset import I32_MAX, byte, clamp, clear, i32, u8
+from canroll.firmware.state import N_TX
+from canroll.firmware.subset import I32_MAX, byte, clamp, clear, i32, u8
 
 
 def start(secoc: Secoc, key: Annotated[list[u8], 16], reset: i32, listening: i32) -> None:

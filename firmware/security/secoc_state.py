@@ -5,9 +5,9 @@ It is apart from the ECU's records: no calibration, measurement or log contains 
 
 from typing import Annotated
 
-from firmware.com.frames import N_FRAMES
-from firmware.state import N_TX
-from firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
+from canroll.firmware.com.frames import N_FRAMES
+from canroll.firmware.state import N_TX
+from canroll.firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
 
 # a secured frame: the frame, its freshness value, and the first six bytes of the CMAC
 PAYLOAD = 8

@@ -5,11 +5,11 @@ from math import pi
 
 import numpy as np
 
-from gain_gen.models.linear_car import INPUTS, OUTPUTS
-from gain_gen.models.roll import Matrix, moment_input, state_matrix
-from gain_gen.models.state_space import StateSpace
-from vehicles import GRAVITY, RollModel
-from vehicles.equipment import Sensors
+from canroll.gain_gen.models.linear_car import INPUTS, OUTPUTS
+from canroll.gain_gen.models.roll import Matrix, moment_input, state_matrix
+from canroll.gain_gen.models.state_space import StateSpace
+from canroll.vehicles import GRAVITY, RollModel
+from canroll.vehicles.equipment import Sensors
 
 SETTLED = 1e-4
 """Least time constant of an actuator, s."""

@@ -8,9 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from gain_gen.models.roll import PERFORMANCE, Matrix, disturbance_input, moment_input, state_matrix
-from gain_gen.models.state_space import resolvent
-from vehicles import RollModel
+from canroll.gain_gen.models.roll import (
+    PERFORMANCE,
+    Matrix,
+    disturbance_input,
+    moment_input,
+    state_matrix,
+)
+from canroll.gain_gen.models.state_space import resolvent
+from canroll.vehicles import RollModel
 
 
 def largest_eigenvalue(matrix: Matrix) -> float:

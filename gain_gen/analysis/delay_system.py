@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from gain_gen.models.roll import Matrix
-from gain_gen.models.state_space import Complex, peak
+from canroll.gain_gen.models.roll import Matrix
+from canroll.gain_gen.models.state_space import Complex, peak
 
 
 def chebyshev(points: int) -> tuple[Matrix, Matrix]:

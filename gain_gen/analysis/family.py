@@ -13,8 +13,8 @@ from math import inf, pi
 import numpy as np
 
 from canroll.errors import CanrollError
-from gain_gen.analysis.actuated_car import ActuatedCar, actuated, roll_car
-from gain_gen.analysis.held_plant import (
+from canroll.gain_gen.analysis.actuated_car import ActuatedCar, actuated, roll_car
+from canroll.gain_gen.analysis.held_plant import (
     HeldPlant,
     aliased,
     command_response,
@@ -22,21 +22,21 @@ from gain_gen.analysis.held_plant import (
     opened,
     padded,
 )
-from gain_gen.analysis.margins import (
+from canroll.gain_gen.analysis.margins import (
     Margins,
     jitter_level,
     largest_delay_from,
     nyquist_margins,
 )
-from gain_gen.analysis.sampled_loop import SampledLoop, spectral_radius
-from gain_gen.models.controller import LinearController, at_speed, matrices
-from gain_gen.models.linear_car import linear_car
-from gain_gen.models.roll import Matrix, zero_order_hold
-from gain_gen.models.state_space import Complex, StateSpace, resolvent_rows
-from gain_gen.models.task import Delay, Task
-from gain_gen.models.trim import most_lateral_acceleration
-from vehicles import Vehicle
-from vehicles.unladen import unladen
+from canroll.gain_gen.analysis.sampled_loop import SampledLoop, spectral_radius
+from canroll.gain_gen.models.controller import LinearController, at_speed, matrices
+from canroll.gain_gen.models.linear_car import linear_car
+from canroll.gain_gen.models.roll import Matrix, zero_order_hold
+from canroll.gain_gen.models.state_space import Complex, StateSpace, resolvent_rows
+from canroll.gain_gen.models.task import Delay, Task
+from canroll.gain_gen.models.trim import most_lateral_acceleration
+from canroll.vehicles import Vehicle
+from canroll.vehicles.unladen import unladen
 
 KMH = 1.0 / 3.6
 LINEAR_SHARE = 0.9

@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 from canroll.errors import CanrollError
-from gain_gen.analysis.family import Family, FamilyMargins, family_of
-from gain_gen.models.task import Task
-from vehicles.draws.fitted_cars import draws
+from canroll.gain_gen.analysis.family import Family, FamilyMargins, family_of
+from canroll.gain_gen.models.task import Task
+from canroll.vehicles.draws.fitted_cars import draws
 
 
 def with_draws(family: Family, task: Task) -> Family:

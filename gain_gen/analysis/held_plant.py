@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_continuous_lyapunov
 
-from gain_gen.models.controller import LinearController, matrices
-from gain_gen.models.roll import Matrix, zero_order_hold
-from gain_gen.models.state_space import Complex
+from canroll.gain_gen.models.controller import LinearController, matrices
+from canroll.gain_gen.models.roll import Matrix, zero_order_hold
+from canroll.gain_gen.models.state_space import Complex
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,8 @@ def aliased(
         command: B, (n, 1).
         measured: C, (m, n).
         tick: T, s.
-        rows: C (z − Φ)⁻¹ by :func:`gain_gen.models.state_space.resolvent_rows`, (len(z), m, n).
+        rows: C (z − Φ)⁻¹ by :func:`canroll.gain_gen.models.state_space.resolvent_rows`,
+            (len(z), m, n).
         z: e^{jωT}.
 
     Returns:

@@ -18,11 +18,11 @@ from math import exp
 import numpy as np
 from scipy.linalg import eigh
 
-from gain_gen.analysis.actuated_car import ActuatedCar
-from gain_gen.analysis.family import Member
-from gain_gen.analysis.held_plant import HeldPlant, held, padded
-from gain_gen.models.controller import Y_RATE
-from gain_gen.models.roll import Matrix, stationary_covariance, zero_order_hold
+from canroll.gain_gen.analysis.actuated_car import ActuatedCar
+from canroll.gain_gen.analysis.family import Member
+from canroll.gain_gen.analysis.held_plant import HeldPlant, held, padded
+from canroll.gain_gen.models.controller import Y_RATE
+from canroll.gain_gen.models.roll import Matrix, stationary_covariance, zero_order_hold
 
 LARGEST_EXPONENT = 300.0
 """Growth within a step of the delays beyond which nothing is certified anyway."""

@@ -12,8 +12,8 @@ with the total mass m_t, the height H of its centre of gravity and the mean half
 
 from math import exp, pi, sqrt
 
-from vehicles import Vehicle
-from vehicles.model import GRAVITY
+from canroll.vehicles import Vehicle
+from canroll.vehicles.model import GRAVITY
 
 
 def overshoot(damping_ratio: float) -> float:

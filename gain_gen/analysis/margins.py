@@ -6,9 +6,9 @@ from math import floor, inf, log10, pi, sqrt
 
 import numpy as np
 
-from gain_gen.analysis.sampled_loop import SampledLoop, loop_gain, spectral_radius
-from gain_gen.models.roll import Matrix
-from gain_gen.models.state_space import Complex
+from canroll.gain_gen.analysis.sampled_loop import SampledLoop, loop_gain, spectral_radius
+from canroll.gain_gen.models.roll import Matrix
+from canroll.gain_gen.models.state_space import Complex
 
 REAL_ENOUGH = 0.05
 """A loop gain whose imaginary part is this share of the real one crosses the axis at ω → 0."""
@@ -175,7 +175,7 @@ def jitter_level(
     Args:
         frequencies: rad/s, ascending to the Nyquist frequency; the level is the largest on them.
         gain: L there, of the loop at the middle delay, negative feedback; it must be stable.
-        aliased: √(Σ|C P(jω_k)|²) there, from :func:`gain_gen.analysis.held_plant.aliased`.
+        aliased: √(Σ|C P(jω_k)|²) there, from :func:`canroll.gain_gen.analysis.held_plant.aliased`.
         tick: T, s.
         jitter: longest less least delay, s.
     """

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gain_gen.analysis.held_plant import held, opened, padded
-from gain_gen.models.controller import LinearController
-from gain_gen.models.observer import LateralModel
-from gain_gen.models.roll import (
+from canroll.gain_gen.analysis.held_plant import held, opened, padded
+from canroll.gain_gen.models.controller import LinearController
+from canroll.gain_gen.models.observer import LateralModel
+from canroll.gain_gen.models.roll import (
     Matrix,
     lateral_input,
     moment_input,
@@ -15,8 +15,8 @@ from gain_gen.models.roll import (
     stationary_covariance,
     zero_order_hold,
 )
-from gain_gen.models.state_space import Complex, resolvent, resolvent_rows
-from vehicles import GRAVITY, RollModel
+from canroll.gain_gen.models.state_space import Complex, resolvent, resolvent_rows
+from canroll.vehicles import GRAVITY, RollModel
 
 ROLL, RATE, MOMENT, LATERAL, JERK = range(5)
 

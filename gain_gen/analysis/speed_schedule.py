@@ -14,12 +14,12 @@ import numpy as np
 from scipy.linalg import eigh
 
 from canroll.build_cache import kept
-from gain_gen.analysis.family import NOMINAL, Condition, Family, family
-from gain_gen.analysis.margins import factor_within
-from gain_gen.models.controller import SPEEDS, LinearController, scaled_controller
-from gain_gen.models.roll import Matrix, stationary_covariance
-from gain_gen.models.state_space import Complex
-from gain_gen.models.task import Design, Task, made_of
+from canroll.gain_gen.analysis.family import NOMINAL, Condition, Family, family
+from canroll.gain_gen.analysis.margins import factor_within
+from canroll.gain_gen.models.controller import SPEEDS, LinearController, scaled_controller
+from canroll.gain_gen.models.roll import Matrix, stationary_covariance
+from canroll.gain_gen.models.state_space import Complex
+from canroll.gain_gen.models.task import Design, Task, made_of
 
 GAIN_MARGIN_DB = 8.2
 PEAK_SENSITIVITY = 1.68

@@ -5,12 +5,12 @@ from math import pi, sqrt
 
 import numpy as np
 
-import dbc
-from gain_gen.analysis.family import Family, Member, car_in
-from gain_gen.models.linear_car import INPUTS, OUTPUTS
-from gain_gen.models.roll import Matrix
-from gain_gen.models.state_space import Complex, resolvent
-from vehicles import Vehicle
+from canroll import dbc
+from canroll.gain_gen.analysis.family import Family, Member, car_in
+from canroll.gain_gen.models.linear_car import INPUTS, OUTPUTS
+from canroll.gain_gen.models.roll import Matrix
+from canroll.gain_gen.models.state_space import Complex, resolvent
+from canroll.vehicles import Vehicle
 
 STEERING_FREQUENCY = 2.0 * pi * 0.5
 STEERING_DAMPING = 0.7

@@ -6,13 +6,13 @@ from math import inf
 
 import numpy as np
 
-from gain_gen.analysis.family import Family, FamilyMargins, FamilyRow
-from gain_gen.analysis.fitted_family import margins_of_draws
-from gain_gen.analysis.sampled_loop import SampledLoop, build, roll_rms, spectral_radius
-from gain_gen.analysis.speed_schedule import Speeds
-from gain_gen.models.controller import LinearController
-from gain_gen.models.roll import scaled
-from gain_gen.models.task import Check, Design, Solution, Task, above, below
+from canroll.gain_gen.analysis.family import Family, FamilyMargins, FamilyRow
+from canroll.gain_gen.analysis.fitted_family import margins_of_draws
+from canroll.gain_gen.analysis.sampled_loop import SampledLoop, build, roll_rms, spectral_radius
+from canroll.gain_gen.analysis.speed_schedule import Speeds
+from canroll.gain_gen.models.controller import LinearController
+from canroll.gain_gen.models.roll import scaled
+from canroll.gain_gen.models.task import Check, Design, Solution, Task, above, below
 
 GAIN_MARGIN_DB = 8.0
 """Least gain margin of every member of the family at every delay."""

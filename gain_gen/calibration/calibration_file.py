@@ -12,17 +12,16 @@ from typing import Any
 
 import tomli_w
 
-import vehicles
-from canroll import documents
+from canroll import documents, vehicles
 from canroll.arguments import checked
+from canroll.codegen.generated import own_stage
+from canroll.codegen.generated.own_stage import OwnStage
+from canroll.codegen.run.memory_image import sealed
 from canroll.errors import CanrollError, reason
-from codegen.generated import own_stage
-from codegen.generated.own_stage import OwnStage
-from codegen.run.memory_image import sealed
-from firmware.calibration import Calibration
-from firmware.subset import Field, fields
-from gain_gen.calibration.record import RESERVED, fill
-from vehicles import Vehicle
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.subset import Field, fields
+from canroll.gain_gen.calibration.record import RESERVED, fill
+from canroll.vehicles import Vehicle
 
 SCHEMA = 3
 DIGEST = "digest"

@@ -2,12 +2,17 @@
 
 import numpy as np
 
-from firmware import calibration as fw
-from firmware.calibration import Calibration
-from gain_gen.calibration.rows import Q_COMPENSATOR, Q_COMPENSATOR_INPUTS, Q_MEASURED, Q_STATE
-from gain_gen.models.controller import Compensator, LinearController
-from gain_gen.models.observer import Observer, ObserverModel
-from gain_gen.models.roll import Matrix
+from canroll.firmware import calibration as fw
+from canroll.firmware.calibration import Calibration
+from canroll.gain_gen.calibration.rows import (
+    Q_COMPENSATOR,
+    Q_COMPENSATOR_INPUTS,
+    Q_MEASURED,
+    Q_STATE,
+)
+from canroll.gain_gen.models.controller import Compensator, LinearController
+from canroll.gain_gen.models.observer import Observer, ObserverModel
+from canroll.gain_gen.models.roll import Matrix
 
 Q_COMPENSATOR_STATES = (Q_COMPENSATOR,) * fw.N_ORDER
 Q_MOMENTS = (fw.Q_MOMENT, fw.Q_MOMENT)

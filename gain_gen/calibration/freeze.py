@@ -6,19 +6,19 @@ from importlib.metadata import version
 import numpy as np
 
 from canroll.errors import CanrollError
-from firmware.calibration import Calibration
-from firmware.check import check
-from gain_gen.calibration.calibration_file import VEHICLE
-from gain_gen.calibration.options import QuantiseOptions
-from gain_gen.calibration.quantise import Quantised, law_kind, quantise_design
-from gain_gen.calibration.record import fill, identify
-from gain_gen.calibration.resolution import of_contract
-from gain_gen.calibration.response_part import unwatched
-from gain_gen.calibration.rounding_error import quantisation_checks
-from gain_gen.calibration.summary import Tables, plain
-from gain_gen.calibration.vehicle_part import share_of
-from gain_gen.laws import LAWS
-from gain_gen.models.task import Design
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.check import check
+from canroll.gain_gen.calibration.calibration_file import VEHICLE
+from canroll.gain_gen.calibration.options import QuantiseOptions
+from canroll.gain_gen.calibration.quantise import Quantised, law_kind, quantise_design
+from canroll.gain_gen.calibration.record import fill, identify
+from canroll.gain_gen.calibration.resolution import of_contract
+from canroll.gain_gen.calibration.response_part import unwatched
+from canroll.gain_gen.calibration.rounding_error import quantisation_checks
+from canroll.gain_gen.calibration.summary import Tables, plain
+from canroll.gain_gen.calibration.vehicle_part import share_of
+from canroll.gain_gen.laws import LAWS
+from canroll.gain_gen.models.task import Design
 
 
 def calibrate(design: Design, options: QuantiseOptions | None = None) -> tuple[Calibration, Tables]:

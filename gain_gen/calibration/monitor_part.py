@@ -1,20 +1,20 @@
 """Calibration of the monitors of sensors and of delivered moments.
 
 What signals may differ by for what is not known of the car follows from that
-(:mod:`gain_gen.monitors`). The other thresholds come from fault-free runs of six vehicles and their
-populations up to the limit, measured with version 0.2.
+(:mod:`canroll.gain_gen.monitors`). The other thresholds come from fault-free runs of six vehicles
+and their populations up to the limit, measured with version 0.2.
 """
 
 from math import ceil
 
-from firmware import calibration as fw
-from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_VEHICLE_MOTION
-from gain_gen.calibration.rows import quantise, shares
-from gain_gen.laws import WITHOUT_ROLL_RATE
-from gain_gen.models.task import PERIODS, Task
-from gain_gen.monitors.bank import TRUST, weight
-from gain_gen.monitors.residuals import LATERAL_TIME, LINEAR, lateral_gap
-from gain_gen.monitors.uncertainty import Uncertainty
+from canroll.firmware import calibration as fw
+from canroll.firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_VEHICLE_MOTION
+from canroll.gain_gen.calibration.rows import quantise, shares
+from canroll.gain_gen.laws import WITHOUT_ROLL_RATE
+from canroll.gain_gen.models.task import PERIODS, Task
+from canroll.gain_gen.monitors.bank import TRUST, weight
+from canroll.gain_gen.monitors.residuals import LATERAL_TIME, LINEAR, lateral_gap
+from canroll.gain_gen.monitors.uncertainty import Uncertainty
 
 FADING = TRUST, 2.0**-7
 """By which the largest motion fades in 10 ms: in 20 s, and for the distance expected in 1.3 s."""

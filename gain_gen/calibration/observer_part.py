@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from firmware import calibration as fw
-from gain_gen.calibration.rows import Q_MEASURED, Q_STATE, QuantisedRow, quantise_row
-from gain_gen.models.observer import Observer, steady_covariance
-from gain_gen.models.roll import Matrix
-from gain_gen.models.task import Design
+from canroll.firmware import calibration as fw
+from canroll.gain_gen.calibration.rows import Q_MEASURED, Q_STATE, QuantisedRow, quantise_row
+from canroll.gain_gen.models.observer import Observer, steady_covariance
+from canroll.gain_gen.models.roll import Matrix
+from canroll.gain_gen.models.task import Design
 
 Value = int | list[int] | list[list[int]]
 

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from gain_gen.monitors.uncertainty import DEFAULT, Uncertainty
-from vehicles.actuators import ACTUATORS
+from canroll.gain_gen.monitors.uncertainty import DEFAULT, Uncertainty
+from canroll.vehicles.actuators import ACTUATORS
 
 ACTUATOR_NUMBER = {name: actuator.number for name, actuator in ACTUATORS.items()}
 

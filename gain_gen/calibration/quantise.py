@@ -5,15 +5,15 @@ from math import ceil
 
 import numpy as np
 
-import dbc
+from canroll import dbc
 from canroll.errors import CanrollError
-from firmware import calibration as fw
-from firmware.state import RX_ACTUATOR_STATE, RX_SUSPENSION_RATE
-from gain_gen.calibration.monitor_part import clock_fields, erratic_fields
-from gain_gen.calibration.observer_part import covariance_fields, observer_fields
-from gain_gen.calibration.options import ACTUATOR_NUMBER, QuantiseOptions
-from gain_gen.calibration.response_part import response_fields
-from gain_gen.calibration.rows import (
+from canroll.firmware import calibration as fw
+from canroll.firmware.state import RX_ACTUATOR_STATE, RX_SUSPENSION_RATE
+from canroll.gain_gen.calibration.monitor_part import clock_fields, erratic_fields
+from canroll.gain_gen.calibration.observer_part import covariance_fields, observer_fields
+from canroll.gain_gen.calibration.options import ACTUATOR_NUMBER, QuantiseOptions
+from canroll.gain_gen.calibration.response_part import response_fields
+from canroll.gain_gen.calibration.rows import (
     Q_COMPENSATOR,
     Q_COMPENSATOR_INPUTS,
     Q_MEASURED,
@@ -21,10 +21,10 @@ from gain_gen.calibration.rows import (
     QuantisedRow,
     quantise_row,
 )
-from gain_gen.calibration.vehicle_part import timeouts, vehicle_fields
-from gain_gen.models.controller import Compensator, matrices
-from gain_gen.models.roll import stationary_covariance
-from gain_gen.models.task import EPSILON_SQUARED, Design
+from canroll.gain_gen.calibration.vehicle_part import timeouts, vehicle_fields
+from canroll.gain_gen.models.controller import Compensator, matrices
+from canroll.gain_gen.models.roll import stationary_covariance
+from canroll.gain_gen.models.task import EPSILON_SQUARED, Design
 
 Value = int | list[int] | list[list[int]]
 Fields = dict[str, Value]

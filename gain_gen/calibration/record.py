@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 from typing import Any
 
+from canroll.codegen.run.memory_image import sealed
 from canroll.errors import CanrollError
-from codegen.run.memory_image import sealed
-from firmware.calibration import Calibration
-from firmware.subset import fields
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.subset import fields
 
 IDENTITY = "id"
 RESERVED = "crc"

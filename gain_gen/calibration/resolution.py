@@ -4,12 +4,12 @@ from dataclasses import fields
 from functools import cache
 from math import ldexp
 
-import dbc
+from canroll import dbc
+from canroll.codegen.generated.bus_map import BusMap, load
+from canroll.codegen.generated.mapped_signal import MappedSignal
 from canroll.errors import CanrollError
-from codegen.generated.bus_map import BusMap, load
-from codegen.generated.mapped_signal import MappedSignal
-from gain_gen.calibration.calibration_file import LoadedCalibration
-from gain_gen.models.task import Resolution
+from canroll.gain_gen.calibration.calibration_file import LoadedCalibration
+from canroll.gain_gen.models.task import Resolution
 
 MANTISSA = 23
 """Bits behind the point of a floating-point signal."""

@@ -1,17 +1,17 @@
 """Calibration of the monitors by the suspension: of moments, lateral acceleration and roll rate.
 
 What is left over of their balances, what of it noise and the stated uncertainties explain, and for
-how long: the residuals of :mod:`gain_gen.monitors.residuals`, in fixed point.
+how long: the residuals of :mod:`canroll.gain_gen.monitors.residuals`, in fixed point.
 """
 
 from collections.abc import Mapping
 from dataclasses import replace
 from math import pi
 
-from firmware import calibration as fw
-from gain_gen.calibration.rows import quantise, shares
-from gain_gen.models.task import Task
-from gain_gen.monitors.bank import (
+from canroll.firmware import calibration as fw
+from canroll.gain_gen.calibration.rows import quantise, shares
+from canroll.gain_gen.models.task import Task
+from canroll.gain_gen.monitors.bank import (
     LARGEST,
     MEAN,
     RESPONSE_LINEAR,
@@ -20,9 +20,9 @@ from gain_gen.monitors.bank import (
     low_pass_of,
     ticks_of,
 )
-from gain_gen.monitors.linear_car import car_of, effective_inertia, rolled
-from gain_gen.monitors.noise import late
-from gain_gen.monitors.residuals import (
+from canroll.gain_gen.monitors.linear_car import car_of, effective_inertia, rolled
+from canroll.gain_gen.monitors.noise import late
+from canroll.gain_gen.monitors.residuals import (
     AXLES,
     FAST,
     HEAVE_TIME,
@@ -30,10 +30,10 @@ from gain_gen.monitors.residuals import (
     SLOW,
     bank_of,
 )
-from gain_gen.monitors.shares import of_lateral, of_moments
-from gain_gen.monitors.uncertainty import NOMINAL, Uncertainty, vertices
-from vehicles import Vehicle
-from vehicles.roll_stiffness import suspension_roll_stiffness
+from canroll.gain_gen.monitors.shares import of_lateral, of_moments
+from canroll.gain_gen.monitors.uncertainty import NOMINAL, Uncertainty, vertices
+from canroll.vehicles import Vehicle
+from canroll.vehicles.roll_stiffness import suspension_roll_stiffness
 
 Fields = dict[str, int | list[int]]
 

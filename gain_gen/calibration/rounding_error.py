@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from codegen.run.memory_image import sealed
-from firmware.calibration import (
+from canroll.codegen.run.memory_image import sealed
+from canroll.firmware.calibration import (
     PROPAGATED_COVARIANCE,
     Q_ACCELERATION,
     Q_MOMENT,
@@ -13,20 +13,20 @@ from firmware.calibration import (
     STATE_MAX,
     Calibration,
 )
-from firmware.com.signals import RX_SIGNALS
-from firmware.control_law import control
-from firmware.ecu import init
-from firmware.observer import look_ahead, observe
-from firmware.state import ACTIVE, RX_IMU, RX_ROLL_REFERENCE, Ecu
-from gain_gen.analysis.margins import nyquist_grid
-from gain_gen.analysis.sampled_loop import build
-from gain_gen.analysis.verify import passive_controller
-from gain_gen.calibration.dequantise import dequantise
-from gain_gen.models.controller import LinearController, matrices, step
-from gain_gen.models.roll import Matrix
-from gain_gen.models.state_space import StateSpace
-from gain_gen.models.task import Check, Design, below
-from vehicles import GRAVITY
+from canroll.firmware.com.signals import RX_SIGNALS
+from canroll.firmware.control_law import control
+from canroll.firmware.ecu import init
+from canroll.firmware.observer import look_ahead, observe
+from canroll.firmware.state import ACTIVE, RX_IMU, RX_ROLL_REFERENCE, Ecu
+from canroll.gain_gen.analysis.margins import nyquist_grid
+from canroll.gain_gen.analysis.sampled_loop import build
+from canroll.gain_gen.analysis.verify import passive_controller
+from canroll.gain_gen.calibration.dequantise import dequantise
+from canroll.gain_gen.models.controller import LinearController, matrices, step
+from canroll.gain_gen.models.roll import Matrix
+from canroll.gain_gen.models.state_space import StateSpace
+from canroll.gain_gen.models.task import Check, Design, below
+from canroll.vehicles import GRAVITY
 
 RESPONSE_LIMIT = 1e-3
 """Largest error of the frequency response, as share of its peak."""

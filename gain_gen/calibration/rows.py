@@ -7,7 +7,7 @@ from math import ceil
 import numpy as np
 
 from canroll.errors import CanrollError
-from firmware.calibration import (
+from canroll.firmware.calibration import (
     COEFFICIENT,
     Q_ACCELERATION,
     Q_ANGLE,
@@ -16,7 +16,7 @@ from firmware.calibration import (
     SHARE_MAX,
     STATE_MAX,
 )
-from gain_gen.models.roll import Matrix
+from canroll.gain_gen.models.roll import Matrix
 
 Q_STATE = (Q_ANGLE, Q_RATE, Q_ACCELERATION, Q_ACCELERATION, Q_RATE)
 """Fractional bits of the observer's states."""

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gain_gen.models.task import Design
+from canroll.gain_gen.models.task import Design
 
 Tables = dict[str, Any]
 

@@ -4,26 +4,26 @@ from math import ceil, exp, floor, log2, sqrt
 
 import numpy as np
 
-import dbc
-from firmware import calibration as fw
-from firmware.state import (
+from canroll import dbc
+from canroll.firmware import calibration as fw
+from canroll.firmware.state import (
     RX_ACTUATOR_STATE,
     RX_IMU,
     RX_ROLL_REFERENCE,
     RX_SUSPENSION_RATE,
     RX_VEHICLE_MOTION,
 )
-from gain_gen.calibration.monitor_part import monitor_fields
-from gain_gen.calibration.rows import quantise, quantise_row
-from gain_gen.models.controller import SPEEDS
-from gain_gen.models.front_share import front_share
-from gain_gen.models.task import PERIODS, Task
-from gain_gen.monitors.bank import weight
-from gain_gen.monitors.uncertainty import Uncertainty
-from vehicles import Vehicle
-from vehicles.actuators import ACTUATORS, MILLI
-from vehicles.axles import axles
-from vehicles.model import GRAVITY, SemiActiveDampers
+from canroll.gain_gen.calibration.monitor_part import monitor_fields
+from canroll.gain_gen.calibration.rows import quantise, quantise_row
+from canroll.gain_gen.models.controller import SPEEDS
+from canroll.gain_gen.models.front_share import front_share
+from canroll.gain_gen.models.task import PERIODS, Task
+from canroll.gain_gen.monitors.bank import weight
+from canroll.gain_gen.monitors.uncertainty import Uncertainty
+from canroll.vehicles import Vehicle
+from canroll.vehicles.actuators import ACTUATORS, MILLI
+from canroll.vehicles.axles import axles
+from canroll.vehicles.model import GRAVITY, SemiActiveDampers
 
 MISSED_SAMPLES = 5
 KMH = 1.0 / 3.6

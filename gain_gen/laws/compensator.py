@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from canroll.errors import CanrollError
-from firmware.calibration import N_ORDER
-from gain_gen.models.controller import Compensator
-from gain_gen.models.roll import Matrix, stationary_covariance
+from canroll.firmware.calibration import N_ORDER
+from canroll.gain_gen.models.controller import Compensator
+from canroll.gain_gen.models.roll import Matrix, stationary_covariance
 
 TYPICAL_INPUTS = np.array([0.05, 0.3, 3.0, 3.0])
 """Standard deviations of roll, roll rate, a_y and a_y by steering: rad, rad/s, m/s²."""

@@ -11,12 +11,12 @@ from numpy.lib import format as npy
 
 from canroll import documents
 from canroll.errors import UNREADABLE, CanrollError, reason
-from gain_gen.laws.compensator import checked, scaled_states
-from gain_gen.laws.declared import law
-from gain_gen.laws.state_feedback import controller_of, feedforward_row
-from gain_gen.models.controller import Compensator
-from gain_gen.models.roll import Matrix
-from gain_gen.models.task import Solution, Task
+from canroll.gain_gen.laws.compensator import checked, scaled_states
+from canroll.gain_gen.laws.declared import law
+from canroll.gain_gen.laws.state_feedback import controller_of, feedforward_row
+from canroll.gain_gen.models.controller import Compensator
+from canroll.gain_gen.models.roll import Matrix
+from canroll.gain_gen.models.task import Solution, Task
 
 MOST_NUMBERS = 1000
 """Numbers of a matrix of gains."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
 from canroll.errors import CanrollError
-from gain_gen.laws import LAWS
+from canroll.gain_gen.laws import LAWS
 
 COMPUTED = "computed"
 FEEDFORWARDS = ("apart", "none", "alone")

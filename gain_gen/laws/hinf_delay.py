@@ -3,11 +3,11 @@
 from dataclasses import replace
 from math import pi, sqrt
 
-from gain_gen.laws.declared import law
-from gain_gen.laws.rate_gain_law import design_rate_gain
-from gain_gen.laws.rate_inequality import design_by_inequality
-from gain_gen.laws.roll_rate_feedback import exact_optimum, open_loop_gamma, static_solution
-from gain_gen.models.task import Solution, Task
+from canroll.gain_gen.laws.declared import law
+from canroll.gain_gen.laws.rate_gain_law import design_rate_gain
+from canroll.gain_gen.laws.rate_inequality import design_by_inequality
+from canroll.gain_gen.laws.roll_rate_feedback import exact_optimum, open_loop_gamma, static_solution
+from canroll.gain_gen.models.task import Solution, Task
 
 PRINTED_DELAY_GAIN = -84.06 * 180.0 / pi
 """Redondo 2021, (60), read as N·m per deg/s: −4816 N·m·s/rad, the only plausible unit."""

@@ -2,13 +2,13 @@
 
 from math import sqrt
 
-from gain_gen.analysis.certificates import event_small_gain, si_plant
-from gain_gen.laws.declared import law
-from gain_gen.laws.rate_gain_law import design_rate_gain
-from gain_gen.laws.rate_inequality import SHORTEST, design_by_inequality
-from gain_gen.laws.roll_rate_feedback import static_solution
-from gain_gen.models.roll import ROLL_RATE
-from gain_gen.models.task import EPSILON_SQUARED, Solution, Task, below
+from canroll.gain_gen.analysis.certificates import event_small_gain, si_plant
+from canroll.gain_gen.laws.declared import law
+from canroll.gain_gen.laws.rate_gain_law import design_rate_gain
+from canroll.gain_gen.laws.rate_inequality import SHORTEST, design_by_inequality
+from canroll.gain_gen.laws.roll_rate_feedback import static_solution
+from canroll.gain_gen.models.roll import ROLL_RATE
+from canroll.gain_gen.models.task import EPSILON_SQUARED, Solution, Task, below
 
 PRINTED_EVENT_GAIN = -13552.53
 """Viadero 2022, section III."""

@@ -5,11 +5,11 @@ from math import pi
 import numpy as np
 
 from canroll.errors import VerdictError
-from gain_gen.laws.lmi import Clock, discrete_h_infinity
-from gain_gen.laws.state_feedback import PRINTED, printed_note, state_feedback
-from gain_gen.laws.state_gains import discrete_plant, yim_weights
-from gain_gen.models.state_space import StateSpace, peak
-from gain_gen.models.task import Solution, Task, below
+from canroll.gain_gen.laws.lmi import Clock, discrete_h_infinity
+from canroll.gain_gen.laws.state_feedback import PRINTED, printed_note, state_feedback
+from canroll.gain_gen.laws.state_gains import discrete_plant, yim_weights
+from canroll.gain_gen.models.state_space import StateSpace, peak
+from canroll.gain_gen.models.task import Solution, Task, below
 
 
 def discrete_level(system: StateSpace) -> float:

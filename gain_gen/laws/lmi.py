@@ -2,8 +2,8 @@
 
 A program is a function from its unknowns to matrices that must be negative definite, affine in all
 of them; the solver gets its coefficients by unit values. Everything is in the units of
-:class:`gain_gen.models.roll.NormalisedPlant`, or of the loop: in N·m the solvers report wrong
-optima. This module alone imports cvxpy, which takes half a second.
+:class:`canroll.gain_gen.models.roll.NormalisedPlant`, or of the loop: in N·m the solvers report
+wrong optima. This module alone imports cvxpy, which takes half a second.
 """
 
 import time
@@ -16,13 +16,13 @@ from typing import Any, NamedTuple
 import cvxpy as cp
 import numpy as np
 
-from gain_gen.analysis.certificates import (
+from canroll.gain_gen.analysis.certificates import (
     CertifiedPlant,
     discrete_block,
     event_block,
 )
-from gain_gen.analysis.level_certificate import SwitchedLoop, dissipation
-from gain_gen.models.roll import Matrix
+from canroll.gain_gen.analysis.level_certificate import SwitchedLoop, dissipation
+from canroll.gain_gen.models.roll import Matrix
 
 SOLVER = "CLARABEL"
 STRICT = 1e-6

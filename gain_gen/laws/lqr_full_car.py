@@ -6,13 +6,13 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from canroll.errors import CanrollError, VerdictError
-from gain_gen.analysis.held_plant import HeldPlant, opened, padded
-from gain_gen.laws.compensator import scaled_states
-from gain_gen.laws.declared import law
-from gain_gen.laws.state_feedback import controller_of
-from gain_gen.laws.state_gains import riccati_gain
-from gain_gen.models.controller import Compensator, LinearController
-from gain_gen.models.full_car import (
+from canroll.gain_gen.analysis.held_plant import HeldPlant, opened, padded
+from canroll.gain_gen.laws.compensator import scaled_states
+from canroll.gain_gen.laws.declared import law
+from canroll.gain_gen.laws.state_feedback import controller_of
+from canroll.gain_gen.laws.state_gains import riccati_gain
+from canroll.gain_gen.models.controller import Compensator, LinearController
+from canroll.gain_gen.models.full_car import (
     CURRENTS,
     INPUT_WEIGHT,
     MILLI,
@@ -23,9 +23,9 @@ from gain_gen.models.full_car import (
     full_car_model,
     weights,
 )
-from gain_gen.models.roll import Matrix, stationary_covariance, zero_order_hold
-from gain_gen.models.state_space import StateSpace
-from gain_gen.models.task import Check, Solution, Task, above, below
+from canroll.gain_gen.models.roll import Matrix, stationary_covariance, zero_order_hold
+from canroll.gain_gen.models.state_space import StateSpace
+from canroll.gain_gen.models.task import Check, Solution, Task, above, below
 
 STEER_CORNER = 3.0
 """Corner of the driver's steering, rad/s."""

@@ -7,11 +7,11 @@ import numpy as np
 
 from canroll.errors import CanrollError
 from canroll.extension import guarded
-from firmware.calibration import N_RING
-from gain_gen.laws.compensator import checked
-from gain_gen.models.controller import LinearController
-from gain_gen.models.observer import Observer
-from gain_gen.models.task import Solution, Task
+from canroll.firmware.calibration import N_RING
+from canroll.gain_gen.laws.compensator import checked
+from canroll.gain_gen.models.controller import LinearController
+from canroll.gain_gen.models.observer import Observer
+from canroll.gain_gen.models.task import Solution, Task
 
 
 def accept(what: str, law: Callable[[Task], Solution]) -> Callable[[Task], Solution]:

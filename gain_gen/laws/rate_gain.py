@@ -11,11 +11,11 @@ from math import log
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from gain_gen.analysis.family import Family, Member
-from gain_gen.analysis.margins import factor_within
-from gain_gen.analysis.verify import GAIN_MARGIN_DB, PEAK_SENSITIVITY
-from gain_gen.models.controller import Y_RATE, Y_ROLL
-from gain_gen.models.state_space import Complex
+from canroll.gain_gen.analysis.family import Family, Member
+from canroll.gain_gen.analysis.margins import factor_within
+from canroll.gain_gen.analysis.verify import GAIN_MARGIN_DB, PEAK_SENSITIVITY
+from canroll.gain_gen.models.controller import Y_RATE, Y_ROLL
+from canroll.gain_gen.models.state_space import Complex
 
 INSIDE = 0.99
 """Share of the largest gain that has the margins: the checks interpolate between frequencies."""

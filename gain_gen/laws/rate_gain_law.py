@@ -6,20 +6,20 @@ from math import sqrt
 from typing import TYPE_CHECKING
 
 from canroll.errors import VerdictError
-from gain_gen.analysis.family import Family, Member, family_of
-from gain_gen.analysis.level_certificate import (
+from canroll.gain_gen.analysis.family import Family, Member, family_of
+from canroll.gain_gen.analysis.level_certificate import (
     LEVEL_UNIT,
     SwitchedLoop,
     bound_over_delays,
     delay_grid,
     switched_loop,
 )
-from gain_gen.laws.rate_gain import RateGain, best_rate_gain, free_peak
-from gain_gen.laws.roll_rate_feedback import static_controller
-from gain_gen.models.task import Check, Solution, Task, below
+from canroll.gain_gen.laws.rate_gain import RateGain, best_rate_gain, free_peak
+from canroll.gain_gen.laws.roll_rate_feedback import static_controller
+from canroll.gain_gen.models.task import Check, Solution, Task, below
 
 if TYPE_CHECKING:
-    from gain_gen.laws.lmi import Clock, LevelPoint
+    from canroll.gain_gen.laws.lmi import Clock, LevelPoint
 
 USELESS = 0.98
 """Worst-case peak, relative to the open loop's, above which a gain counts as useless."""
@@ -96,7 +96,7 @@ def _certified(
 
     Also return the time in solvers.
     """
-    from gain_gen.laws.lmi import Clock, certify_level  # noqa: PLC0415 - cvxpy only where used
+    from canroll.gain_gen.laws.lmi import Clock, certify_level  # noqa: PLC0415 - cvxpy only where used
 
     def loop_at(step: float) -> SwitchedLoop:
         grid = delay_grid(member, family.delays, family.tick, step)

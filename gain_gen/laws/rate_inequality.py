@@ -11,22 +11,22 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from canroll.errors import VerdictError
-from gain_gen.analysis.certificates import (
+from canroll.gain_gen.analysis.certificates import (
     event_block,
     event_small_gain,
     largest_eigenvalue,
     si_plant,
 )
-from gain_gen.laws.lmi import Clock, event_point
-from gain_gen.laws.roll_rate_feedback import (
+from canroll.gain_gen.laws.lmi import Clock, event_point
+from canroll.gain_gen.laws.roll_rate_feedback import (
     LEVEL_MARGIN,
     USELESS,
     normalised_plant,
     open_loop_gamma,
     static_solution,
 )
-from gain_gen.models.roll import ROLL_RATE, normalise
-from gain_gen.models.task import Check, Solution, Task, below
+from canroll.gain_gen.models.roll import ROLL_RATE, normalise
+from canroll.gain_gen.models.task import Check, Solution, Task, below
 
 SHORTEST = 1e-3
 """Least delay of the inequality, s."""

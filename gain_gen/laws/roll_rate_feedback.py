@@ -7,16 +7,16 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from canroll.errors import VerdictError
-from gain_gen.analysis.certificates import CertifiedPlant
-from gain_gen.analysis.delay_system import h_infinity, largest_delay, rightmost_root
-from gain_gen.laws.declared import law
-from gain_gen.laws.state_feedback import (
+from canroll.gain_gen.analysis.certificates import CertifiedPlant
+from canroll.gain_gen.analysis.delay_system import h_infinity, largest_delay, rightmost_root
+from canroll.gain_gen.laws.declared import law
+from canroll.gain_gen.laws.state_feedback import (
     FEEDFORWARD_SHARE,
     controller_of,
     feedforward_row,
 )
-from gain_gen.models.controller import LinearController
-from gain_gen.models.roll import (
+from canroll.gain_gen.models.controller import LinearController
+from canroll.gain_gen.models.roll import (
     PERFORMANCE,
     ROLL_RATE,
     NormalisedPlant,
@@ -25,8 +25,8 @@ from gain_gen.models.roll import (
     normalise,
     state_matrix,
 )
-from gain_gen.models.task import Check, Solution, Task, below
-from vehicles import RollModel
+from canroll.gain_gen.models.task import Check, Solution, Task, below
+from canroll.vehicles import RollModel
 
 PRINTED_NO_DELAY_GAIN = -1.29e6
 """Redondo 2021, (66)."""

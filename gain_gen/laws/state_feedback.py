@@ -6,20 +6,26 @@ from typing import Any
 
 import numpy as np
 
-from gain_gen.laws import WITHOUT_ROLL_RATE
-from gain_gen.laws.declared import law
-from gain_gen.laws.state_gains import (
+from canroll.gain_gen.laws import WITHOUT_ROLL_RATE
+from canroll.gain_gen.laws.declared import law
+from canroll.gain_gen.laws.state_gains import (
     disturbance_feedforward,
     lqr,
     sliding_mode,
     yim_weights,
 )
-from gain_gen.models.controller import LinearController
-from gain_gen.models.observer import LateralModel, Observer, SensorNoise, kalman, observer_model
-from gain_gen.models.roll import Matrix
-from gain_gen.models.task import Solution, Task
-from vehicles import Vehicle
-from vehicles.actuators import ACTUATORS
+from canroll.gain_gen.models.controller import LinearController
+from canroll.gain_gen.models.observer import (
+    LateralModel,
+    Observer,
+    SensorNoise,
+    kalman,
+    observer_model,
+)
+from canroll.gain_gen.models.roll import Matrix
+from canroll.gain_gen.models.task import Solution, Task
+from canroll.vehicles import Vehicle
+from canroll.vehicles.actuators import ACTUATORS
 
 PRINTED = {
     "lqr": (38315.0, 4232.0),

@@ -5,8 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from gain_gen.models.roll import Matrix, lateral_input, moment_input, state_matrix, zero_order_hold
-from vehicles import RollModel
+from canroll.gain_gen.models.roll import (
+    Matrix,
+    lateral_input,
+    moment_input,
+    state_matrix,
+    zero_order_hold,
+)
+from canroll.vehicles import RollModel
 
 DEGREE = float(np.pi / 180.0)
 

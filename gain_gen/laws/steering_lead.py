@@ -16,12 +16,12 @@ from math import exp, pi, sqrt
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
-from gain_gen.analysis.family import NOMINAL, Family, car_in, family_of
-from gain_gen.analysis.steering_response import SteeringResponse, steering_response
-from gain_gen.laws.compensator import scaled_states
-from gain_gen.laws.declared import law
-from gain_gen.laws.state_feedback import controller_of
-from gain_gen.models.controller import (
+from canroll.gain_gen.analysis.family import NOMINAL, Family, car_in, family_of
+from canroll.gain_gen.analysis.steering_response import SteeringResponse, steering_response
+from canroll.gain_gen.laws.compensator import scaled_states
+from canroll.gain_gen.laws.declared import law
+from canroll.gain_gen.laws.state_feedback import controller_of
+from canroll.gain_gen.models.controller import (
     S_LATERAL,
     S_RATE,
     S_STEERING,
@@ -30,11 +30,11 @@ from gain_gen.models.controller import (
     Y_ROLL,
     Compensator,
 )
-from gain_gen.models.linear_car import INPUTS, OUTPUTS
-from gain_gen.models.roll import Matrix, zero_order_hold
-from gain_gen.models.state_space import Complex, StateSpace, resolvent
-from gain_gen.models.task import Solution, Task
-from vehicles import Vehicle
+from canroll.gain_gen.models.linear_car import INPUTS, OUTPUTS
+from canroll.gain_gen.models.roll import Matrix, zero_order_hold
+from canroll.gain_gen.models.state_space import Complex, StateSpace, resolvent
+from canroll.gain_gen.models.task import Solution, Task
+from canroll.vehicles import Vehicle
 
 MOMENT_SHARE = 0.8
 """Default RMS moment over that of the roll moment m h a_y of the car's own lateral acceleration."""

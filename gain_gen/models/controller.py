@@ -5,9 +5,9 @@ from math import inf
 
 import numpy as np
 
-from gain_gen.models.observer import Observer
-from gain_gen.models.roll import Matrix
-from vehicles import GRAVITY
+from canroll.gain_gen.models.observer import Observer
+from canroll.gain_gen.models.roll import Matrix
+from canroll.vehicles import GRAVITY
 
 INPUTS = ("roll_rate", "lateral_acceleration", "roll", "delivered_moment")
 Y_RATE, Y_LATERAL, Y_ROLL, Y_MOMENT = range(4)

@@ -15,11 +15,11 @@ from math import radians
 from scipy.optimize import brentq
 
 from canroll.errors import CanrollError
-from gain_gen.models.trim import most_lateral_acceleration, slip_angles
-from vehicles import Vehicle
-from vehicles.axles import axles
-from vehicles.roll_stiffness import axle_roll_shares
-from vehicles.unladen import unladen
+from canroll.gain_gen.models.trim import most_lateral_acceleration, slip_angles
+from canroll.vehicles import Vehicle
+from canroll.vehicles.axles import axles
+from canroll.vehicles.roll_stiffness import axle_roll_shares
+from canroll.vehicles.unladen import unladen
 
 BAND = 0.05
 """Permitted increase of understeer with control, relative to the understeer angle without."""

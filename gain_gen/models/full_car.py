@@ -5,12 +5,19 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_continuous_are
 
-from gain_gen.models.linear_car import accelerometer
-from gain_gen.models.roll import Matrix
-from gain_gen.models.state_space import resolvent
-from vehicles import Vehicle
-from vehicles.full_car import INPUTS, REPAIRED, STATES, FullCar, from_vehicle, state_matrices
-from vehicles.roll_stiffness import suspension_roll_stiffness
+from canroll.gain_gen.models.linear_car import accelerometer
+from canroll.gain_gen.models.roll import Matrix
+from canroll.gain_gen.models.state_space import resolvent
+from canroll.vehicles import Vehicle
+from canroll.vehicles.full_car import (
+    INPUTS,
+    REPAIRED,
+    STATES,
+    FullCar,
+    from_vehicle,
+    state_matrices,
+)
+from canroll.vehicles.roll_stiffness import suspension_roll_stiffness
 
 SPEED = 70.0 / 3.6
 """Speed of the paper's frequency responses, m/s."""
@@ -61,7 +68,7 @@ class FullCarModel:
 
     Attributes:
         a: (26, 26).
-        b: (26, 15), inputs as in ``vehicles.full_car.INPUTS``.
+        b: (26, 15), inputs as in ``canroll.vehicles.full_car.INPUTS``.
         outputs: rows roll rate, accelerometer, roll, moment of the bars, (4, 26).
         steer: feedthrough from the steering to those, (4,).
     """

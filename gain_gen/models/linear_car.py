@@ -27,12 +27,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gain_gen.models.roll import Matrix
-from gain_gen.models.state_space import StateSpace
-from gain_gen.models.trim import steady_curve
-from vehicles import GRAVITY, Vehicle
-from vehicles.axles import axles
-from vehicles.roll_stiffness import suspension_roll_stiffness
+from canroll.gain_gen.models.roll import Matrix
+from canroll.gain_gen.models.state_space import StateSpace
+from canroll.gain_gen.models.trim import steady_curve
+from canroll.vehicles import GRAVITY, Vehicle
+from canroll.vehicles.axles import axles
+from canroll.vehicles.roll_stiffness import suspension_roll_stiffness
 
 STATES = (
     *("lateral_velocity", "yaw_rate", "roll", "roll_rate"),
@@ -65,7 +65,7 @@ def linear_car(
     Its states are :data:`STATES`, its inputs and outputs :data:`INPUTS` and :data:`OUTPUTS`.
 
     Args:
-        vehicle: its ``plant`` part and all others; see :func:`vehicles.unladen.unladen`.
+        vehicle: its ``plant`` part and all others; see :func:`canroll.vehicles.unladen.unladen`.
         speed: m/s.
         lateral_acceleration: of the steady curve, m/s². Friction matters only in a curve: in
             straight running the tyres are far from their grip.

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import expm, solve_discrete_are
 
-from gain_gen.models.roll import Matrix, moment_input, state_matrix, zero_order_hold
-from vehicles import GRAVITY, RollModel
+from canroll.gain_gen.models.roll import Matrix, moment_input, state_matrix, zero_order_hold
+from canroll.vehicles import GRAVITY, RollModel
 
 STATES = ("roll", "roll_rate", "lateral_acceleration", "lateral_jerk", "gyro_bias")
 ROLL, RATE, LATERAL, JERK, BIAS = range(5)

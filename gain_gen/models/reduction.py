@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gain_gen.models.state_space import StateSpace
+from canroll.gain_gen.models.state_space import StateSpace
 
 INPUT_SIZES = np.array([3000.0, 0.02, 0.0])
 """Of moment, steering and disturbance: N·m, rad, and the disturbance enters as the moment does."""

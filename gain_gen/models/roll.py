@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from vehicles import GRAVITY, RollModel
+from canroll.vehicles import GRAVITY, RollModel
 
 Matrix = NDArray[np.floating[Any]]
 

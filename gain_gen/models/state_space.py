@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_continuous_lyapunov, svd
 
-from gain_gen.models.roll import Matrix, stationary_covariance
+from canroll.gain_gen.models.roll import Matrix, stationary_covariance
 
 Complex = NDArray[np.complexfloating[Any, Any]]
 

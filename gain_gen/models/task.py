@@ -6,14 +6,14 @@ from itertools import islice
 from math import inf
 from typing import Any, NamedTuple
 
-import dbc
+from canroll import dbc
 from canroll.build_cache import key, sources
-from firmware.com.signals import RX_IDS
-from gain_gen.models.controller import LinearController
-from gain_gen.models.observer import LateralModel, SensorNoise
-from gain_gen.models.roll import Matrix
-from vehicles import Vehicle
-from vehicles.actuators import ACTUATORS
+from canroll.firmware.com.signals import RX_IDS
+from canroll.gain_gen.models.controller import LinearController
+from canroll.gain_gen.models.observer import LateralModel, SensorNoise
+from canroll.gain_gen.models.roll import Matrix
+from canroll.vehicles import Vehicle
+from canroll.vehicles.actuators import ACTUATORS
 
 UNITS = {"db": "dB", "deg": "°", "s": "s", "nm": "N·m", "hz": "Hz"}
 """Unit of a check or number by the last word of its name."""
@@ -104,7 +104,7 @@ class Task:
         vehicle: design model, actuators and sensors.
         delay: from the sample to the force.
         tick: period of the ECU loop, s.
-        actuator: name in :data:`vehicles.actuators.ACTUATORS`.
+        actuator: name in :data:`canroll.vehicles.actuators.ACTUATORS`.
         observer: name of the observer settings.
         feedforward: whether the disturbance feedforward is on.
         gains: "computed", "theorem" (of the paper, on its 1-DOF model) or "as_printed".

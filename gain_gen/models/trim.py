@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from scipy.optimize import brentq
 
 from canroll.errors import CanrollError
-from vehicles import GRAVITY, Vehicle
-from vehicles.axles import axles
-from vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
-from vehicles.tyres import TyreModel
+from canroll.vehicles import GRAVITY, Vehicle
+from canroll.vehicles.axles import axles
+from canroll.vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
+from canroll.vehicles.tyres import TyreModel
 
 LEAST_LOAD = 0.05
 """Share of its static load that the inner wheel must keep for a trim to be linear about."""
@@ -72,7 +72,8 @@ def slip_angles(
         vehicle: its plant part.
         lateral_acceleration: of the curve, m/s², not negative.
         friction: of the road.
-        carried: actuator moment of each axle; see :func:`vehicles.roll_stiffness.steady_roll`.
+        carried: actuator moment of each axle; see
+        :func:`canroll.vehicles.roll_stiffness.steady_roll`.
 
     Raises:
         CanrollError: an inner wheel lifts, or the grip does not suffice for this curve.

@@ -8,8 +8,8 @@ Chow and Willsky 1984, Gertler 1998).
 from dataclasses import dataclass
 from math import ceil, inf, log2, pi, pow
 
-from firmware import calibration as fw
-from vehicles import Vehicle
+from canroll.firmware import calibration as fw
+from canroll.vehicles import Vehicle
 
 DIRECT, INTEGRAL, DERIVATIVE, STEP = "direct", "integral", "derivative", "step"
 """Kinds of parts; "step" is the mean magnitude of a signal's steps."""

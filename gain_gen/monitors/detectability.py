@@ -10,15 +10,15 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.signal import lsim
 
-from firmware.calibration import Calibration
-from firmware.state import RX_ACTUATOR_STATE, RX_SUSPENSION_RATE
-from gain_gen.models.task import Task
-from gain_gen.monitors.bank import Bank, Residual, ticks_of
-from gain_gen.monitors.evaluation import moved, room
-from gain_gen.monitors.linear_car import car_of, effective_inertia
-from gain_gen.monitors.residuals import bank_of
-from gain_gen.monitors.uncertainty import DEFAULT, NOMINAL, Uncertainty
-from vehicles import GRAVITY, Vehicle
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.state import RX_ACTUATOR_STATE, RX_SUSPENSION_RATE
+from canroll.gain_gen.models.task import Task
+from canroll.gain_gen.monitors.bank import Bank, Residual, ticks_of
+from canroll.gain_gen.monitors.evaluation import moved, room
+from canroll.gain_gen.monitors.linear_car import car_of, effective_inertia
+from canroll.gain_gen.monitors.residuals import bank_of
+from canroll.gain_gen.monitors.uncertainty import DEFAULT, NOMINAL, Uncertainty
+from canroll.vehicles import GRAVITY, Vehicle
 
 TOLERATED = 0.3
 """Time after its beginning in which a fault is to be found, s."""

@@ -7,11 +7,11 @@ from math import exp
 import numpy as np
 from numpy.typing import NDArray
 
-from gain_gen.monitors.bank import STEP, Bank, Residual, ResidualPart, Term
-from gain_gen.monitors.noise import response
+from canroll.gain_gen.monitors.bank import STEP, Bank, Residual, ResidualPart, Term
+from canroll.gain_gen.monitors.noise import response
 
 Signals = Mapping[str, NDArray[np.float64]]
-"""Samples of some of :data:`gain_gen.monitors.bank.SIGNALS`, one a tick; the others are zero."""
+"""Samples of :data:`canroll.gain_gen.monitors.bank.SIGNALS`, one a tick; missing ones are zero."""
 
 
 def moved(bank: Bank, residual: Residual, signals: Signals) -> NDArray[np.float64]:

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import hypot
 
-from gain_gen.monitors.uncertainty import NOMINAL, Factors, Uncertainty, vertices
-from vehicles import GRAVITY, Vehicle
-from vehicles.axles import axles
-from vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
+from canroll.gain_gen.monitors.uncertainty import NOMINAL, Factors, Uncertainty, vertices
+from canroll.vehicles import GRAVITY, Vehicle
+from canroll.vehicles.axles import axles
+from canroll.vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
 
 Gain = Callable[[Factors], float]
 Pair = tuple[float, float]

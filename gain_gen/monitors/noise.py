@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-import dbc
-from gain_gen.monitors.bank import (
+from canroll import dbc
+from canroll.gain_gen.monitors.bank import (
     DERIVATIVE,
     DIRECT,
     INTEGRAL,
@@ -17,9 +17,9 @@ from gain_gen.monitors.bank import (
     Term,
     ticks_of,
 )
-from gain_gen.monitors.uncertainty import Uncertainty
-from vehicles import Vehicle
-from vehicles.equipment import SensorChannel
+from canroll.gain_gen.monitors.uncertainty import Uncertainty
+from canroll.vehicles import Vehicle
+from canroll.vehicles.equipment import SensorChannel
 
 OF_STEPS = sqrt(pi / 2.0)
 """Standard deviation of steps by their mean magnitude: a lost sample is wrong by a step."""

@@ -8,8 +8,8 @@ from dataclasses import replace
 from functools import partial
 from math import inf, pi, sin
 
-from gain_gen.models.task import Task
-from gain_gen.monitors.bank import (
+from canroll.gain_gen.models.task import Task
+from canroll.gain_gen.monitors.bank import (
     DERIVATIVE,
     DIRECT,
     FADING,
@@ -23,7 +23,7 @@ from gain_gen.monitors.bank import (
     Term,
     low_pass_of,
 )
-from gain_gen.monitors.linear_car import (
+from canroll.gain_gen.monitors.linear_car import (
     Car,
     axle_forces,
     blown,
@@ -36,10 +36,10 @@ from gain_gen.monitors.linear_car import (
     steering_deviation,
     tilted,
 )
-from gain_gen.monitors.noise import FASTEST, floor, late, raised
-from gain_gen.monitors.shares import of_axles
-from gain_gen.monitors.uncertainty import NOMINAL, Uncertainty, vertices
-from vehicles import GRAVITY, Vehicle
+from canroll.gain_gen.monitors.noise import FASTEST, floor, late, raised
+from canroll.gain_gen.monitors.shares import of_axles
+from canroll.gain_gen.monitors.uncertainty import NOMINAL, Uncertainty, vertices
+from canroll.vehicles import GRAVITY, Vehicle
 
 SLOW, FAST, AXLES = 0.0125, 0.8, 0.2
 """Corners of the washouts, Hz: of the body twice, of the axles."""

@@ -18,10 +18,10 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from gain_gen.monitors.linear_car import Car, Pair, axle_forces, sprung_masses
-from gain_gen.monitors.uncertainty import Factors, Uncertainty, vertices
-from vehicles import GRAVITY
-from vehicles.axles import axles
+from canroll.gain_gen.monitors.linear_car import Car, Pair, axle_forces, sprung_masses
+from canroll.gain_gen.monitors.uncertainty import Factors, Uncertainty, vertices
+from canroll.vehicles import GRAVITY
+from canroll.vehicles.axles import axles
 
 Corner = tuple[float, float, float]
 FREQUENCIES = (0.0, 0.35, 0.7)

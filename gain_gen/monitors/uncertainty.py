@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
-from vehicles import Vehicle
-from vehicles.fit_spread import value_of
+from canroll.vehicles import Vehicle
+from canroll.vehicles.fit_spread import value_of
 
 
 @dataclass(frozen=True, slots=True)

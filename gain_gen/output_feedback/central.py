@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import schur
 
-from gain_gen.models.roll import Matrix
+from canroll.gain_gen.models.roll import Matrix
 
 NEGATIVE = 1e-6
 """Share of its largest entry by which a solution's eigenvalue may seem negative."""

@@ -13,14 +13,14 @@ from math import degrees, pi, sqrt
 
 import numpy as np
 
-from gain_gen.analysis.actuated_car import actuated
-from gain_gen.analysis.family import NOMINAL, Family, car_in
-from gain_gen.analysis.held_plant import held
-from gain_gen.analysis.steering_response import STEERING_DAMPING, STEERING_FREQUENCY
-from gain_gen.models.controller import Y_LATERAL, Y_RATE, Y_ROLL
-from gain_gen.models.reduction import reduced
-from gain_gen.models.roll import Matrix, zero_order_hold
-from gain_gen.models.task import Task
+from canroll.gain_gen.analysis.actuated_car import actuated
+from canroll.gain_gen.analysis.family import NOMINAL, Family, car_in
+from canroll.gain_gen.analysis.held_plant import held
+from canroll.gain_gen.analysis.steering_response import STEERING_DAMPING, STEERING_FREQUENCY
+from canroll.gain_gen.models.controller import Y_LATERAL, Y_RATE, Y_ROLL
+from canroll.gain_gen.models.reduction import reduced
+from canroll.gain_gen.models.roll import Matrix, zero_order_hold
+from canroll.gain_gen.models.task import Task
 
 CAR_ORDER = 8
 """States of the reduced car: fewer lose the accelerometer, see :func:`reduced`."""

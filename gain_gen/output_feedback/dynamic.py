@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from firmware.calibration import N_ORDER
-from gain_gen.laws.compensator import scaled_states
-from gain_gen.models.controller import S_LATERAL, S_RATE, S_STEERING, Compensator
-from gain_gen.models.state_space import StateSpace
-from gain_gen.output_feedback.driven_car import MOMENT_UNIT
+from canroll.firmware.calibration import N_ORDER
+from canroll.gain_gen.laws.compensator import scaled_states
+from canroll.gain_gen.models.controller import S_LATERAL, S_RATE, S_STEERING, Compensator
+from canroll.gain_gen.models.state_space import StateSpace
+from canroll.gain_gen.output_feedback.driven_car import MOMENT_UNIT
 
 READINGS = np.array([0.3, 3.0, 3.0])
 """Typical sizes of the readings, by which the reduction is weighted: rad/s, m/s², m/s²."""

@@ -6,10 +6,10 @@ from math import inf, pi, sqrt
 import numpy as np
 from scipy.signal import cont2discrete, zpk2ss
 
-from gain_gen.models.roll import Matrix
-from gain_gen.models.state_space import StateSpace
-from gain_gen.output_feedback.central import Generalised, Quadruple, central_controller
-from gain_gen.output_feedback.driven_car import DrivenCar
+from canroll.gain_gen.models.roll import Matrix
+from canroll.gain_gen.models.state_space import StateSpace
+from canroll.gain_gen.output_feedback.central import Generalised, Quadruple, central_controller
+from canroll.gain_gen.output_feedback.driven_car import DrivenCar
 
 ROLL_OFF = 2.0 * pi * 3.0
 """Commands faster than this cost more, rad/s: at 8 Hz the wheels hop whatever the moment."""

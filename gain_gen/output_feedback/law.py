@@ -13,15 +13,15 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from canroll.errors import VerdictError
-from firmware.calibration import N_ORDER
-from gain_gen.analysis.family import family_of
-from gain_gen.analysis.steering_response import SteeringResponse, steering_response
-from gain_gen.laws.declared import law
-from gain_gen.laws.hinf_state import design_state_hinf
-from gain_gen.laws.state_feedback import controller_of
-from gain_gen.laws.state_gains import riccati_gain
-from gain_gen.laws.steering_lead import GAIN_MARGIN_DB, MOMENT_SHARE, PEAK_SENSITIVITY
-from gain_gen.models.controller import (
+from canroll.firmware.calibration import N_ORDER
+from canroll.gain_gen.analysis.family import family_of
+from canroll.gain_gen.analysis.steering_response import SteeringResponse, steering_response
+from canroll.gain_gen.laws.declared import law
+from canroll.gain_gen.laws.hinf_state import design_state_hinf
+from canroll.gain_gen.laws.state_feedback import controller_of
+from canroll.gain_gen.laws.state_gains import riccati_gain
+from canroll.gain_gen.laws.steering_lead import GAIN_MARGIN_DB, MOMENT_SHARE, PEAK_SENSITIVITY
+from canroll.gain_gen.models.controller import (
     S_LATERAL,
     S_RATE,
     S_STEERING,
@@ -29,12 +29,12 @@ from gain_gen.models.controller import (
     Y_RATE,
     Compensator,
 )
-from gain_gen.models.roll import Matrix
-from gain_gen.models.state_space import StateSpace, resolvent_rows
-from gain_gen.models.task import Solution, Task, below
-from gain_gen.output_feedback.driven_car import DrivenCar, driven_car
-from gain_gen.output_feedback.dynamic import compensator, residualised
-from gain_gen.output_feedback.hinf import closed_level, hinf, weighted
+from canroll.gain_gen.models.roll import Matrix
+from canroll.gain_gen.models.state_space import StateSpace, resolvent_rows
+from canroll.gain_gen.models.task import Solution, Task, below
+from canroll.gain_gen.output_feedback.driven_car import DrivenCar, driven_car
+from canroll.gain_gen.output_feedback.dynamic import compensator, residualised
+from canroll.gain_gen.output_feedback.hinf import closed_level, hinf, weighted
 
 LIGHTEST, HEAVIEST = log(0.05), log(20.0)
 """Range of the weight of 1 kN·m over its steady roll."""

@@ -10,7 +10,7 @@ import can
 from can.cli import add_bus_arguments, create_bus_from_namespace
 
 from canroll.errors import CanrollError, reason
-from hil.hardware import interfaces
+from canroll.hil.hardware import interfaces
 
 __all__ = ["add_bus_arguments", "explain", "has_bus", "open_bus", "options_of", "parsed_options"]
 

@@ -14,9 +14,9 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.hardware import error_frames
-from hil.hardware.interfaces import CLASSIFIED
-from plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE, length_of
+from canroll.hil.hardware import error_frames
+from canroll.hil.hardware.interfaces import CLASSIFIED
+from canroll.plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE, length_of
 
 ERROR, SENT = 64, 128
 """Flags in addition to those of the wire: an error frame, and a frame that we sent."""

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from canroll import documents
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.codegen.run.secured import Lasting
 from canroll.errors import CanrollError, reading, writing
-from codegen.run.bus_firmware import BusFirmware
-from codegen.run.secured import Lasting
-from firmware.security.secoc_state import RESET_MAX
+from canroll.firmware.security.secoc_state import RESET_MAX
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,10 +8,10 @@ from typing import Any
 
 from cantools.database import DecodeError
 
-import dbc
+from canroll import dbc
+from canroll.hil.bus_link import Frame
+from canroll.plant_sim.can_bus.wire.frame import EXTENDED, REMOTE, length_of
 from canroll.reaction.fault_codes import in_words
-from hil.bus_link import Frame
-from plant_sim.can_bus.wire.frame import EXTENDED, REMOTE, length_of
 
 WINDOW = 2.0
 """Window of rates, delays and load, s."""
@@ -58,7 +58,7 @@ class Observation:
     def see(self, t: float, frame: Frame, flags: int = 0) -> None:
         """Process a frame received at ``t`` seconds.
 
-        ``flags`` are those of :mod:`plant_sim.can_bus.wire.frame`.
+        ``flags`` are those of :mod:`canroll.plant_sim.can_bus.wire.frame`.
 
         The contract has no 29-bit identifiers and no remote frames: those only load the bus.
         """

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 import can
 
-from hil.bus_link import CanLink
-from hil.watch.observation import Observation
-from plant_sim.can_bus.traffic.log_reader import flags_of
+from canroll.hil.bus_link import CanLink
+from canroll.hil.watch.observation import Observation
+from canroll.plant_sim.can_bus.traffic.log_reader import flags_of
 
 LEAP = 5.0
 """Distance ahead of the present, or behind the last stamp, that indicates another clock, s."""

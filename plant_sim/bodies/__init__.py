@@ -6,18 +6,18 @@ from canroll.errors import CanrollError
 from canroll.registry import Registry
 
 if TYPE_CHECKING:
-    from plant_sim.bodies.ports import Body
+    from canroll.plant_sim.bodies.ports import Body
 
 BODIES: "Registry[Body]" = Registry(
     "plant",
     "canroll.bodies",
     {
-        "roll1": "plant_sim.bodies.roll:BODY",
-        "linear_car": "plant_sim.bodies.linear_car:BODY",
-        "linear_car_hydraulic": "plant_sim.bodies.linear_car:HYDRAULIC_BODY",
-        "nonlinear": "plant_sim.bodies.nonlinear_car:BODY",
+        "roll1": "canroll.plant_sim.bodies.roll:BODY",
+        "linear_car": "canroll.plant_sim.bodies.linear_car:BODY",
+        "linear_car_hydraulic": "canroll.plant_sim.bodies.linear_car:HYDRAULIC_BODY",
+        "nonlinear": "canroll.plant_sim.bodies.nonlinear_car:BODY",
     },
-    accept="plant_sim.bodies.ports:accept",
+    accept="canroll.plant_sim.bodies.ports:accept",
 )
 
 

@@ -24,13 +24,13 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from canroll.plant_sim.bodies import curves, ports, tyre
+from canroll.plant_sim.bodies.held import DRIVE, STEER_COS, STEER_SIN, STEERED
+from canroll.plant_sim.bodies.kinematics import Forces, Motion, of_axle
+from canroll.plant_sim.bodies.parameters import Car
+from canroll.plant_sim.kernels.jit import inlined, record_of, stack_vector
+from canroll.plant_sim.kernels.records import fields
 from canroll.typing import Vector
-from plant_sim.bodies import curves, ports, tyre
-from plant_sim.bodies.held import DRIVE, STEER_COS, STEER_SIN, STEERED
-from plant_sim.bodies.kinematics import Forces, Motion, of_axle
-from plant_sim.bodies.parameters import Car
-from plant_sim.kernels.jit import inlined, record_of, stack_vector
-from plant_sim.kernels.records import fields
 
 SLOWEST = 4.0
 """Speed (m/s) below which slips are no longer referred to the wheel's own speed."""

@@ -2,25 +2,25 @@
 
 The car's record has the points of all curves of both axles, and where the curve of each purpose
 is. Curves are those of a wheel over its compression from rest; see
-:mod:`vehicles.suspensions.wheel`. A spring's and a damper's is scaled to the vehicle's number,
-which is that of the curve unless it was changed, as in a population. The steering's is over the
-plants' steer.
+:mod:`canroll.vehicles.suspensions.wheel`. A spring's and a damper's is scaled to the vehicle's
+number, which is that of the curve unless it was changed, as in a population. The steering's is over
+the plants' steer.
 """
 
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 from canroll.errors import CanrollError
+from canroll.plant_sim.kernels.jit import inlined, njit
 from canroll.typing import Vector
-from plant_sim.kernels.jit import inlined, njit
-from vehicles import Vehicle
-from vehicles.axles import Axle, rebound_ratio, road_wheel_curve
-from vehicles.suspensions import tables
-from vehicles.suspensions.curve import Curve
-from vehicles.suspensions.wheel import WheelCurves
+from canroll.vehicles import Vehicle
+from canroll.vehicles.axles import Axle, rebound_ratio, road_wheel_curve
+from canroll.vehicles.suspensions import tables
+from canroll.vehicles.suspensions.curve import Curve
+from canroll.vehicles.suspensions.wheel import WheelCurves
 
 PURPOSES = ("spring", "stops", "damper", "damper_ratio", *tables.TOE, *tables.CAMBER)
-"""Curves of an axle by their names in :class:`vehicles.suspensions.wheel.WheelCurves`."""
+"""Curves of an axle by their names in :class:`canroll.vehicles.suspensions.wheel.WheelCurves`."""
 SPRING, STOPS, DAMPER, DAMPER_RATIO, TOE = range(5)
 CAMBER = TOE + len(tables.TOE)
 STEERING = CAMBER + len(tables.CAMBER)

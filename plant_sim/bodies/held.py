@@ -2,11 +2,11 @@
 
 from math import cos, sin
 
+from canroll.plant_sim.bodies import curves, ports
+from canroll.plant_sim.bodies.parameters import Car
+from canroll.plant_sim.kernels.jit import inlined
 from canroll.typing import Vector
-from plant_sim.bodies import curves, ports
-from plant_sim.bodies.parameters import Car
-from plant_sim.kernels.jit import inlined
-from vehicles import GRAVITY
+from canroll.vehicles import GRAVITY
 
 # The inputs' slots come first, then the vertical in the heading frame and that frame's turn per
 # yaw rate about its own x and y.

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 
+from canroll.plant_sim.bodies.ports import STATES_MAX
+from canroll.plant_sim.kernels.jit import njit, stack_vector
 from canroll.typing import Vector
-from plant_sim.bodies.ports import STATES_MAX
-from plant_sim.kernels.jit import njit, stack_vector
 
 _room = stack_vector(STATES_MAX)
 

@@ -20,12 +20,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from canroll.plant_sim.bodies.held import TURN, UP
+from canroll.plant_sim.bodies.parameters import Car
+from canroll.plant_sim.kernels.jit import inlined
+from canroll.plant_sim.kernels.records import fields
 from canroll.typing import Vector
-from plant_sim.bodies.held import TURN, UP
-from plant_sim.bodies.parameters import Car
-from plant_sim.kernels.jit import inlined
-from plant_sim.kernels.records import fields
-from vehicles import GRAVITY
+from canroll.vehicles import GRAVITY
 
 MOTION = np.dtype(
     [

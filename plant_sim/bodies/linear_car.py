@@ -1,23 +1,23 @@
 """The linear full car as a plant body: nine degrees of freedom, with or without hydraulic bars.
 
-State: the 26 of :data:`vehicles.full_car.STATES`, then position and heading. The equations are
-linear except for the limits of valve current, oil pressure and motor angle, and wheel loads that
-end at zero. Constant speed, no friction limit.
+State: the 26 of :data:`canroll.vehicles.full_car.STATES`, then position and heading. The equations
+are linear except for the limits of valve current, oil pressure and motor angle, and wheel loads
+that end at zero. Constant speed, no friction limit.
 """
 
 from math import cos, sin, tan
 
 import numpy as np
 
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.bodies.integrate import rk4
+from canroll.plant_sim.bodies.ports import Body
+from canroll.plant_sim.kernels.jit import cfunc, njit, record_of, stack_vector
+from canroll.plant_sim.kernels.records import fields
 from canroll.typing import Vector
-from plant_sim.bodies import ports
-from plant_sim.bodies.integrate import rk4
-from plant_sim.bodies.ports import Body
-from plant_sim.kernels.jit import cfunc, njit, record_of, stack_vector
-from plant_sim.kernels.records import fields
-from vehicles import GRAVITY, Vehicle
-from vehicles.full_car import INPUTS, STATES, FullCar, from_vehicle, state_matrices
-from vehicles.roll_stiffness import suspension_roll_stiffness
+from canroll.vehicles import GRAVITY, Vehicle
+from canroll.vehicles.full_car import INPUTS, STATES, FullCar, from_vehicle, state_matrices
+from canroll.vehicles.roll_stiffness import suspension_roll_stiffness
 
 N_LINEAR = len(STATES)
 N_DRIVE = len(INPUTS)
@@ -193,7 +193,7 @@ _advance = rk4(derivative)
 
 @cfunc("void(f8[::1], f8[::1], f8[::1], f8[::1], f8)")
 def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt: float) -> None:
-    """Advance ``state`` by ``dt`` (s) and fill ``outputs`` (:mod:`plant_sim.bodies.ports`)."""
+    """Advance ``state`` by ``dt`` (s), fill ``outputs`` (:mod:`canroll.plant_sim.bodies.ports`)."""
     _advance(state, inputs, parameters, dt)
     _limit(state, parameters)
     _observe(state, inputs, parameters, outputs)

@@ -1,4 +1,4 @@
-"""Kernel of the Magic Formula tyre 5.2 to 6.2; its data: :mod:`vehicles.tyres.magic_formula`.
+"""Kernel of the Magic Formula 5.2 to 6.2; data: :mod:`canroll.vehicles.tyres.magic_formula`.
 
 Equations (4.E1) to (4.E78) of Pacejka, Tire and Vehicle Dynamics, 3rd edition, in steady state and
 without turn slip. Where book and solvers differ, as in the paper of Besselink, Schmeitz and Pacejka
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numba.types import float64, int64, void
 
-from plant_sim.kernels.jit import (
+from canroll.plant_sim.kernels.jit import (
     Linked,
     address_of,
     function_at,
@@ -24,7 +24,7 @@ from plant_sim.kernels.jit import (
     record_of,
     stack_vector,
 )
-from vehicles.tyres.magic_formula import MagicFormula
+from canroll.vehicles.tyres.magic_formula import MagicFormula
 
 TINY = 1e-6
 """Force (N) that keeps a quotient finite where a tyre has no peak."""
@@ -206,13 +206,13 @@ def magic_formula(  # noqa: PLR0917
     friction: float,
     hand: float,
 ) -> tuple[float, float, float]:
-    """Kernel of :class:`vehicles.tyres.magic_formula.MagicFormula`."""
+    """Kernel of :class:`canroll.vehicles.tyres.magic_formula.MagicFormula`."""
     tyre = tyre_of(axle.tyre)
     return forces_of_tyre(tyre, load, slip_ratio, slip_angle, camber, friction, hand)
 
 
 LINK = Linked("canroll_magic_formula")
-"""Where :mod:`plant_sim.bodies.magic_formula_step` is, once a vehicle needs it."""
+"""Where :mod:`canroll.plant_sim.bodies.magic_formula_step` is, once a vehicle needs it."""
 
 _address = LINK.address
 _step_at = function_at(void(int64, float64[::1]))

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from canroll.plant_sim.bodies.magic_formula import LINK, forces_of_tyre
+from canroll.plant_sim.kernels.jit import cfunc, record_at
 from canroll.typing import Vector
-from plant_sim.bodies.magic_formula import LINK, forces_of_tyre
-from plant_sim.kernels.jit import cfunc, record_at
-from vehicles.tyres.magic_formula import MagicFormula
+from canroll.vehicles.tyres.magic_formula import MagicFormula
 
 _tyre_at = record_at(np.dtype([(name, "f8") for name in MagicFormula.NUMBERS]))
 

@@ -14,11 +14,11 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from canroll.plant_sim.bodies.kinematics import Motion
+from canroll.plant_sim.bodies.parameters import Car
+from canroll.plant_sim.kernels.jit import inlined, record_of, stack_vector
+from canroll.plant_sim.kernels.records import fields
 from canroll.typing import Vector
-from plant_sim.bodies.kinematics import Motion
-from plant_sim.bodies.parameters import Car
-from plant_sim.kernels.jit import inlined, record_of, stack_vector
-from plant_sim.kernels.records import fields
 
 # The base's unknowns: A (3), then these q'' of the body.
 PITCH, YAW, ROLL, BASE = 3, 4, 5, 6

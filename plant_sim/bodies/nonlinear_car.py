@@ -2,8 +2,9 @@
 
 Sprung body, two axles and four spinning wheels under the forces of suspension and tyres; no angle
 is taken as small and every force has its reaction. The bodies' places and motion are in
-:mod:`~plant_sim.bodies.kinematics`, their equations in :mod:`~plant_sim.bodies.mass_matrix` and
-:mod:`~plant_sim.bodies.rigid_car`, the wheels on the road in :mod:`~plant_sim.bodies.contact`.
+:mod:`~canroll.plant_sim.bodies.kinematics`, their equations in
+:mod:`~canroll.plant_sim.bodies.mass_matrix` and :mod:`~canroll.plant_sim.bodies.rigid_car`, the
+wheels on the road in :mod:`~canroll.plant_sim.bodies.contact`.
 
 - Suspension: a corner force acts along the travel, the axle's slide and turn relative to the body.
 - Wheels can lift off; two wheels off the road for a while, or a large roll angle, end the run as a
@@ -14,9 +15,8 @@ from math import cos, sin
 
 import numpy as np
 
-from canroll.typing import Vector
-from plant_sim.bodies import curves, ports
-from plant_sim.bodies.contact import (
+from canroll.plant_sim.bodies import curves, ports
+from canroll.plant_sim.bodies.contact import (
     COUPLE,
     FORWARD,
     GAP,
@@ -30,15 +30,16 @@ from plant_sim.bodies.contact import (
     SPIN_RATE,
     road_forces,
 )
-from plant_sim.bodies.held import N_HELD, TURN, UP, hold
-from plant_sim.bodies.integrate import rk4
-from plant_sim.bodies.kinematics import FORCES, MOTION, Forces, place
-from plant_sim.bodies.mass_matrix import N_FACTORS, factor
-from plant_sim.bodies.parameters import CAR, Car, build_parameters, car_of
-from plant_sim.bodies.ports import ROLLOVER_ANGLE, Body
-from plant_sim.bodies.rigid_car import ACCELERATIONS, accelerate
-from plant_sim.kernels.jit import borrowed, cfunc, inlined, njit, record_of, stack_vector
-from vehicles import GRAVITY, Vehicle
+from canroll.plant_sim.bodies.held import N_HELD, TURN, UP, hold
+from canroll.plant_sim.bodies.integrate import rk4
+from canroll.plant_sim.bodies.kinematics import FORCES, MOTION, Forces, place
+from canroll.plant_sim.bodies.mass_matrix import N_FACTORS, factor
+from canroll.plant_sim.bodies.parameters import CAR, Car, build_parameters, car_of
+from canroll.plant_sim.bodies.ports import ROLLOVER_ANGLE, Body
+from canroll.plant_sim.bodies.rigid_car import ACCELERATIONS, accelerate
+from canroll.plant_sim.kernels.jit import borrowed, cfunc, inlined, njit, record_of, stack_vector
+from canroll.typing import Vector
+from canroll.vehicles import GRAVITY, Vehicle
 
 X, Y, YAW, VX, VY, HEAVE_RATE = range(6)  # of P; its velocity in the heading frame
 ROLL_RATE, PITCH_RATE, YAW_RATE, HEAVE, ROLL, PITCH = range(6, 12)

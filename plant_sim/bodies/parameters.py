@@ -5,13 +5,13 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from canroll.errors import CanrollError
+from canroll.plant_sim.bodies import curves, tyre
+from canroll.plant_sim.kernels.jit import record_of
+from canroll.plant_sim.kernels.records import fields
 from canroll.typing import Vector
-from plant_sim.bodies import curves, tyre
-from plant_sim.kernels.jit import record_of
-from plant_sim.kernels.records import fields
-from vehicles import GRAVITY, Vehicle
-from vehicles.axles import Axle, axles
-from vehicles.roll_stiffness import suspension_roll_stiffness
+from canroll.vehicles import GRAVITY, Vehicle
+from canroll.vehicles.axles import Axle, axles
+from canroll.vehicles.roll_stiffness import suspension_roll_stiffness
 
 Car: TypeAlias = Any
 AxleRecord: TypeAlias = Any

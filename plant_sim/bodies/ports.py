@@ -13,9 +13,9 @@ import numpy as np
 
 from canroll.errors import CanrollError
 from canroll.extension import guarded
+from canroll.plant_sim.kernels.jit import STEP_SIGNATURE
 from canroll.typing import Vector
-from plant_sim.kernels.jit import STEP_SIGNATURE
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 
@@ -219,7 +219,7 @@ def accept(what: str, body: object) -> Body:
         raise CanrollError(f"{what}: a {type(body).__name__}, it must be a Body")
     if getattr(body.step, "_sig", None) != STEP_SIGNATURE:
         raise CanrollError(
-            f"{what}: its step must be compiled with plant_sim.kernels.jit.cfunc(STEP_SIGNATURE)"
+            f"{what}: compile its step with canroll.plant_sim.kernels.jit.cfunc(STEP_SIGNATURE)"
         )
     build = guarded(what, body.build, 2, tuple)
 

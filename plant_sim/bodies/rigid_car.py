@@ -1,20 +1,19 @@
 """Equations of motion of the car's rigid bodies: sprung body and two axles, exact in all angles.
 
-Kane's equations with the partial velocities e_i of :mod:`plant_sim.bodies.mass_matrix`:
+Kane's equations with the partial velocities e_i of :mod:`canroll.plant_sim.bodies.mass_matrix`:
 
     Σ m_j (A + Σ e_i q_i'' + b_j) = F                   all masses; b_j: acceleration for q'' = 0
     Σ m_j e_i · (A + Σ e_k q_k'' + b_j) = F_i           each i; the sprung body turns in addition
 
-Vectors are in the pitched frame (:mod:`plant_sim.bodies.kinematics`).
+Vectors are in the pitched frame (:mod:`canroll.plant_sim.bodies.kinematics`).
 """
 
 from typing import Any
 
 import numpy as np
 
-from canroll.typing import Vector
-from plant_sim.bodies.kinematics import Forces, Motion, bias
-from plant_sim.bodies.mass_matrix import (
+from canroll.plant_sim.bodies.kinematics import Forces, Motion, bias
+from canroll.plant_sim.bodies.mass_matrix import (
     BASE,
     PITCH,
     ROLL,
@@ -24,9 +23,10 @@ from plant_sim.bodies.mass_matrix import (
     of_pair,
     substitute,
 )
-from plant_sim.bodies.parameters import Car
-from plant_sim.kernels.jit import inlined, stack_vector
-from plant_sim.kernels.records import fields
+from canroll.plant_sim.bodies.parameters import Car
+from canroll.plant_sim.kernels.jit import inlined, stack_vector
+from canroll.plant_sim.kernels.records import fields
+from canroll.typing import Vector
 
 ACCELERATIONS = np.dtype(
     [

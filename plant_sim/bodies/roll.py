@@ -9,14 +9,14 @@ from math import cos, isnan, sin, tan
 
 import numpy as np
 
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.bodies.integrate import rk4
+from canroll.plant_sim.bodies.ports import Body
+from canroll.plant_sim.kernels.jit import cfunc, njit, record_of, stack_vector
+from canroll.plant_sim.kernels.records import fields
 from canroll.typing import Vector
-from plant_sim.bodies import ports
-from plant_sim.bodies.integrate import rk4
-from plant_sim.bodies.ports import Body
-from plant_sim.kernels.jit import cfunc, njit, record_of, stack_vector
-from plant_sim.kernels.records import fields
-from vehicles import GRAVITY, Vehicle
-from vehicles.axles import axles
+from canroll.vehicles import GRAVITY, Vehicle
+from canroll.vehicles.axles import axles
 
 VY, YAW_RATE, X, Y, YAW, ROLL, ROLL_RATE = range(7)
 N_STATES = 7
@@ -115,7 +115,7 @@ def derivative(state: Vector, inputs: Vector, parameters: Vector, rate: Vector) 
 
 @njit
 def observe(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector) -> None:
-    """Fill ``outputs`` from state and inputs (:mod:`plant_sim.bodies.ports`)."""
+    """Fill ``outputs`` from state and inputs (:mod:`canroll.plant_sim.bodies.ports`)."""
     rate, car = _rates(), _car_of(parameters)
     derivative(state, inputs, parameters, rate)
     forces = axle_forces(state, inputs, parameters)
@@ -174,7 +174,7 @@ advance = rk4(derivative)
 
 @cfunc("void(f8[::1], f8[::1], f8[::1], f8[::1], f8)")
 def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt: float) -> None:
-    """Advance ``state`` by ``dt`` (s) and fill ``outputs`` (:mod:`plant_sim.bodies.ports`)."""
+    """Advance ``state`` by ``dt`` (s), fill ``outputs`` (:mod:`canroll.plant_sim.bodies.ports`)."""
     advance(state, inputs, parameters, dt)
     observe(state, inputs, parameters, outputs)
 

@@ -1,4 +1,4 @@
-"""Forces of one tyre by the model of its axle; the models' data are in :mod:`vehicles.tyres`."""
+"""Forces of one tyre by the model of its axle; data of models: :mod:`canroll.vehicles.tyres`."""
 
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.bodies.magic_formula import linked
-from plant_sim.kernels.jit import inlined, njit, record_of
-from vehicles.axles import TYRES
-from vehicles.tyres import LEAST, Similarity, TyreModel
-from vehicles.tyres.magic_formula import MagicFormula
+from canroll.plant_sim.bodies.magic_formula import linked
+from canroll.plant_sim.kernels.jit import inlined, njit, record_of
+from canroll.vehicles.axles import TYRES
+from canroll.vehicles.tyres import LEAST, Similarity, TyreModel
+from canroll.vehicles.tyres.magic_formula import MagicFormula
 
 Kernel = Callable[..., tuple[float, float, float]]
 Points = NDArray[np.float64]
@@ -36,7 +36,7 @@ def similarity(  # noqa: PLR0917
     friction: float,
     hand: float,
 ) -> tuple[float, float, float]:
-    """Kernel of :class:`vehicles.tyres.Similarity`: no camber thrust, no aligning moment."""
+    """Kernel of :class:`canroll.vehicles.tyres.Similarity`: no camber thrust or aligning moment."""
     tyre = _similarity(axle.tyre)
     ratio = load * tyre.per_load
     linear_x = tyre.longitudinal * ratio * slip_ratio
@@ -77,13 +77,13 @@ def chosen(kernels: Sequence[Kernel], number: int = 0) -> Kernel:
 
 
 KERNELS: tuple[Kernel, ...] = (similarity, linked)
-"""One for each of :data:`vehicles.axles.TYRES`, in their order."""
+"""One for each of :data:`canroll.vehicles.axles.TYRES`, in their order."""
 ROOM = max(len(model.NUMBERS) for model in TYRES.values())
 """Most parameters of a tyre model."""
 forces = chosen(KERNELS)
 """``forces(axle, load, slip_ratio, slip_angle, camber, friction, hand)``.
 
-See :mod:`vehicles.tyres`; ``hand`` is 1 on the left and -1 on the right.
+See :mod:`canroll.vehicles.tyres`; ``hand`` is 1 on the left and -1 on the right.
 """
 
 
@@ -101,7 +101,7 @@ def _forces_of(  # noqa: PLR0917
 
 
 def forces_of(tyre: TyreModel, *arguments: float) -> tuple[float, float, float]:
-    """What the kernel of a tyre gives: see :meth:`vehicles.tyres.TyreModel.forces`."""
+    """What the kernel of a tyre gives: see :meth:`canroll.vehicles.tyres.TyreModel.forces`."""
     axle = np.zeros(1, [("tyre_model", "f8"), ("tyre", "f8", (ROOM,))])
     fill(axle[0], tyre)
     return _forces_of(axle[0], *map(float, arguments))
@@ -119,7 +119,7 @@ def forces_over(tyre: TyreModel, points: Points) -> Points:
 
     Args:
         tyre: its model.
-        points: arguments of :meth:`vehicles.tyres.TyreModel.forces` in their order, (n, 6).
+        points: arguments of :meth:`canroll.vehicles.tyres.TyreModel.forces` in their order, (n, 6).
     """
     axle = np.zeros(1, [("tyre_model", "f8"), ("tyre", "f8", (ROOM,))])
     fill(axle[0], tyre)
@@ -131,7 +131,7 @@ def forces_over(tyre: TyreModel, points: Points) -> Points:
 def fill(axle: Any, tyre: TyreModel) -> None:  # noqa: ANN401
     """Fill an axle's record with the tyre on it."""
     if isinstance(tyre, MagicFormula):
-        import_module("plant_sim.bodies.magic_formula_step")
+        import_module("canroll.plant_sim.bodies.magic_formula_step")
     axle["tyre_model"] = list(TYRES.values()).index(type(tyre))
     parameters = tyre.parameters
     axle["tyre"][: len(parameters)] = parameters

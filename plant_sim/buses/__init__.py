@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 from canroll.registry import Registry
 
 if TYPE_CHECKING:
-    from plant_sim.buses.profile import BusProfile
+    from canroll.plant_sim.buses.profile import BusProfile
 
-_LOG = "plant_sim.can_bus.network.recorded_profile:read_profile"
+_LOG = "canroll.plant_sim.can_bus.network.recorded_profile:read_profile"
 LOGS = (".asc", ".blf", ".log", ".mf4", ".csv", ".trc", ".db", ".pcap", ".pcapng")
 """Suffixes of bus logs; each may have that of gzip behind it."""
 PACKED = ".gz"
@@ -18,18 +18,18 @@ BUSES: "Registry[BusProfile]" = Registry(
     "bus profile",
     "canroll.buses",
     {
-        "500k": "plant_sim.buses.profile:QUICK",
-        "125k_busy": "plant_sim.buses.profile:BUSY",
-        "gateway_20ms": "plant_sim.buses.profile:NEAR_GATEWAY",
-        "gateway_50ms": "plant_sim.buses.profile:FAR_GATEWAY",
-        "fd_2m": "plant_sim.buses.profile:FD",
-        "secured_fd": "plant_sim.buses.profile:SECURED",
+        "500k": "canroll.plant_sim.buses.profile:QUICK",
+        "125k_busy": "canroll.plant_sim.buses.profile:BUSY",
+        "gateway_20ms": "canroll.plant_sim.buses.profile:NEAR_GATEWAY",
+        "gateway_50ms": "canroll.plant_sim.buses.profile:FAR_GATEWAY",
+        "fd_2m": "canroll.plant_sim.buses.profile:FD",
+        "secured_fd": "canroll.plant_sim.buses.profile:SECURED",
     },
-    accept="plant_sim.buses.profile:accept",
+    accept="canroll.plant_sim.buses.profile:accept",
     files={
         **dict.fromkeys((*LOGS, PACKED), _LOG),
-        **dict.fromkeys(_DATABASES, "plant_sim.can_bus.network.network_file:read_traffic"),
-        ".toml": "plant_sim.can_bus.network.network_file:read_profile",
+        **dict.fromkeys(_DATABASES, "canroll.plant_sim.can_bus.network.network_file:read_traffic"),
+        ".toml": "canroll.plant_sim.can_bus.network.network_file:read_profile",
     },
 )
 

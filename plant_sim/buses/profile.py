@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-import dbc
+from canroll import dbc
+from canroll.dbc.reader import Files
 from canroll.errors import CanrollError
-from dbc.reader import Files
-from plant_sim.buses.topology import (
+from canroll.plant_sim.buses.topology import (
     NODES,
     BusGateway,
     BusSegment,
@@ -16,7 +16,7 @@ from plant_sim.buses.topology import (
     check_segment,
     check_times,
 )
-from plant_sim.kernels.instants import MS
+from canroll.plant_sim.kernels.instants import MS
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,9 +27,9 @@ routes, own frames), ``bounds`` (worst-case response times and delays, over gate
 interfaces, socketcand).
 """
 
-from plant_sim.buses.profile import BusProfile
-from plant_sim.buses.topology import NODES
-from plant_sim.can_bus.kernel.layout import (
+from canroll.plant_sim.buses.profile import BusProfile
+from canroll.plant_sim.buses.topology import NODES
+from canroll.plant_sim.can_bus.kernel.layout import (
     DELIVERED,
     ERROR,
     LOG_SIZE,
@@ -42,9 +42,9 @@ from plant_sim.can_bus.kernel.layout import (
     State,
     logged,
 )
-from plant_sim.can_bus.kernel.ledger import Account, account, drain, load, took
-from plant_sim.can_bus.kernel.log import log_dtype
-from plant_sim.can_bus.kernel.network import (
+from canroll.plant_sim.can_bus.kernel.ledger import Account, account, drain, load, took
+from canroll.plant_sim.can_bus.kernel.log import log_dtype
+from canroll.plant_sim.can_bus.kernel.network import (
     BusFault,
     Gateway,
     NetworkSpec,
@@ -56,10 +56,10 @@ from plant_sim.can_bus.kernel.network import (
     add_source,
     build_network,
 )
-from plant_sim.can_bus.kernel.queues import enqueue, hears, submit
-from plant_sim.can_bus.kernel.scheduler import advance, run
-from plant_sim.can_bus.network.network_file import load_profile
-from plant_sim.can_bus.network.profiles import (
+from canroll.plant_sim.can_bus.kernel.queues import enqueue, hears, submit
+from canroll.plant_sim.can_bus.kernel.scheduler import advance, run
+from canroll.plant_sim.can_bus.network.network_file import load_profile
+from canroll.plant_sim.can_bus.network.profiles import (
     ACTUATOR,
     CHASSIS,
     ECU,

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from canroll.codegen.frame import units
 from canroll.documents import binary_kind, read_mat
 from canroll.errors import CanrollError, UnknownNameError, reason
 from canroll.typing import Vector
-from codegen.frame import units
 
 COMMENTS = ("#", "%", "$", "!")
 """What begins a comment; of comments above numbers without a header, the last is it."""

@@ -6,12 +6,12 @@ from math import inf
 
 import numpy as np
 
+from canroll.plant_sim.driving import driver, path, preview
+from canroll.plant_sim.driving.driver import DRIVER, FOLLOW_PATH, MEMORY, DriveInputs
+from canroll.plant_sim.kernels.instants import STEP_NS
 from canroll.typing import Vector
-from plant_sim.driving import driver, path, preview
-from plant_sim.driving.driver import DRIVER, FOLLOW_PATH, MEMORY, DriveInputs
-from plant_sim.kernels.instants import STEP_NS
-from vehicles import Vehicle
-from vehicles.axles import Axle, axles
+from canroll.vehicles import Vehicle
+from canroll.vehicles.axles import Axle, axles
 
 GRIP_USED = 0.85
 """Share of the tyres' peak that a driver goes up to."""
@@ -104,7 +104,7 @@ def make_drive(
 ) -> DriveInputs:
     """Arrays for the kernels, with a new driver's memory; ``speed`` in m/s.
 
-    A ``preview_time`` (s) of 0 is that of :func:`plant_sim.driving.preview.preview_time`.
+    A ``preview_time`` (s) of 0 is that of :func:`canroll.plant_sim.driving.preview.preview_time`.
     """
     front, rear = axles(vehicle)
     air, geometry = vehicle.side_wind, vehicle.geometry

@@ -1,8 +1,8 @@
 """The preview driver and the open-loop steering robot: one kernel that fills a body's inputs.
 
-The driver steers by the optimal preview control of :mod:`plant_sim.driving.preview`, through the
-lag of the arms and the limits of the steering, up to the slip angle at which the front tyres are
-near their peak.
+The driver steers by the optimal preview control of :mod:`canroll.plant_sim.driving.preview`,
+through the lag of the arms and the limits of the steering, up to the slip angle at which the front
+tyres are near their peak.
 """
 
 from math import cos, floor, hypot, sin
@@ -11,14 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.driving.path import STEP as PATH_STEP
+from canroll.plant_sim.driving.preview import POINTS, SPEED_STEP
+from canroll.plant_sim.kernels.instants import STEP_NS
+from canroll.plant_sim.kernels.jit import borrowed, inlined, njit
+from canroll.plant_sim.kernels.records import fields
 from canroll.typing import Vector
-from plant_sim.bodies import ports
-from plant_sim.driving.path import STEP as PATH_STEP
-from plant_sim.driving.preview import POINTS, SPEED_STEP
-from plant_sim.kernels.instants import STEP_NS
-from plant_sim.kernels.jit import borrowed, inlined, njit
-from plant_sim.kernels.records import fields
-from vehicles import GRAVITY
+from canroll.vehicles import GRAVITY
 
 TIME_STEP = STEP_NS * 1e-9
 
@@ -93,7 +93,7 @@ class DriveInputs(NamedTuple):
     """Acceleration that the pedals ask for (m/s²), one value per step since the accelerator was
     released; one alone: 0."""
     preview: Vector
-    """Preview gains over speed, see :func:`plant_sim.driving.preview.table`."""
+    """Preview gains over speed, see :func:`canroll.plant_sim.driving.preview.table`."""
     memory: NDArray[Any]
     """One :data:`MEMORY`."""
 

@@ -4,15 +4,15 @@ from math import inf
 
 import numpy as np
 
+from canroll.codegen.frame import units
 from canroll.errors import CanrollError
+from canroll.plant_sim.driving import signal_file
+from canroll.plant_sim.driving.drive import ManeuverKind, ManeuverPlan
+from canroll.plant_sim.driving.driver import ACCELERATION_TABLE, STEER_TABLE
+from canroll.plant_sim.driving.signal_file import Signal
+from canroll.plant_sim.kernels.instants import STEP_NS
 from canroll.typing import Vector
-from codegen.frame import units
-from plant_sim.driving import signal_file
-from plant_sim.driving.drive import ManeuverKind, ManeuverPlan
-from plant_sim.driving.driver import ACCELERATION_TABLE, STEER_TABLE
-from plant_sim.driving.signal_file import Signal
-from plant_sim.kernels.instants import STEP_NS
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 STEP = STEP_NS * 1e-9
 """Time between two values of the tables (s)."""
@@ -47,8 +47,9 @@ def from_file(
 ) -> ManeuverPlan:
     """Steering-wheel angle or lateral acceleration over time, and speed if the file has one.
 
-    ``column`` and ``speed_column`` are names as in :func:`plant_sim.driving.signal_file.read`;
-    units are those of the file unless given. The manoeuvre lasts while both signals are there.
+    ``column`` and ``speed_column`` are names as in
+    :func:`canroll.plant_sim.driving.signal_file.read`; units are those of the file unless given.
+    The manoeuvre lasts while both signals are there.
 
     Raises:
         CanrollError: invalid file, names or units.

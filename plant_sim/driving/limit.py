@@ -5,11 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.driving.drive import slip_limit
-from plant_sim.driving.standards import Signals, two_wheel_lift
-from plant_sim.kernels.instants import STEP_NS
-from vehicles import GRAVITY, Vehicle
-from vehicles.axles import Axle, axles
+from canroll.plant_sim.driving.drive import slip_limit
+from canroll.plant_sim.driving.standards import Signals, two_wheel_lift
+from canroll.plant_sim.kernels.instants import STEP_NS
+from canroll.vehicles import GRAVITY, Vehicle
+from canroll.vehicles.axles import Axle, axles
 
 NEAR = 0.98
 """Share of a limit from which it counts as reached."""

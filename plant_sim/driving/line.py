@@ -13,8 +13,8 @@ from math import inf
 import numpy as np
 from scipy.optimize import nnls
 
+from canroll.plant_sim.driving.path import XY, Lane, resample, through
 from canroll.typing import Vector
-from plant_sim.driving.path import XY, Lane, resample, through
 
 STEP = 0.5
 """Length of constant curvature (m)."""

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError, UnknownNameError
-from canroll.typing import Vector
-from plant_sim.driving import MANEUVERS, road
-from plant_sim.driving.drive import ManeuverKind, ManeuverPlan, make_drive
-from plant_sim.driving.driver import (
+from canroll.plant_sim.driving import MANEUVERS, road
+from canroll.plant_sim.driving.drive import ManeuverKind, ManeuverPlan, make_drive
+from canroll.plant_sim.driving.driver import (
     ACCELERATION_TABLE,
     FOLLOW_PATH,
     MEMORY,
@@ -21,9 +20,10 @@ from plant_sim.driving.driver import (
     STEER_TABLE,
     DriveInputs,
 )
-from plant_sim.kernels.instants import STEP_NS
-from vehicles import Vehicle
-from vehicles.equipment import GUESSED_AIR
+from canroll.plant_sim.kernels.instants import STEP_NS
+from canroll.typing import Vector
+from canroll.vehicles import Vehicle
+from canroll.vehicles.equipment import GUESSED_AIR
 
 __all__ = [
     "STEP_NS",
@@ -223,8 +223,8 @@ def build(
         seed: seed of the random part of the manoeuvre, the road.
         given: options of :func:`options`; None for the default. Among them are
             ``preview_time`` (s) of the driver, ``friction`` of the road, ``road``, a file of
-            :func:`plant_sim.driving.road.on_road`, and ``chassis_control``, the vehicle's yaw
-            control.
+            :func:`canroll.plant_sim.driving.road.on_road`, and ``chassis_control``, the vehicle's
+            yaw control.
 
     Raises:
         UnknownNameError: there is no manoeuvre or option of that name.

@@ -11,9 +11,9 @@ import numpy as np
 
 from canroll.errors import CanrollError
 from canroll.extension import guarded
-from plant_sim.driving.drive import ManeuverKind, ManeuverPlan
-from plant_sim.driving.driver import ACCELERATION_TABLE, FISHHOOK, FOLLOW_PATH, STEER_TABLE
-from vehicles import Vehicle
+from canroll.plant_sim.driving.drive import ManeuverKind, ManeuverPlan
+from canroll.plant_sim.driving.driver import ACCELERATION_TABLE, FISHHOOK, FOLLOW_PATH, STEER_TABLE
+from canroll.vehicles import Vehicle
 
 KINDS = (FOLLOW_PATH, STEER_TABLE, ACCELERATION_TABLE, FISHHOOK)
 ROWS = ("table", "bank", "grade", "wind", "pedal", "speed")

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.driving import path, road
-from plant_sim.driving.drive import GRIP_USED, ManeuverKind, ManeuverPlan, pedal
-from plant_sim.driving.driver import STEER_TABLE
-from plant_sim.driving.line import through_gates
-from vehicles import GRAVITY, Vehicle
+from canroll.plant_sim.driving import path, road
+from canroll.plant_sim.driving.drive import GRIP_USED, ManeuverKind, ManeuverPlan, pedal
+from canroll.plant_sim.driving.driver import STEER_TABLE
+from canroll.plant_sim.driving.line import through_gates
+from canroll.vehicles import GRAVITY, Vehicle
 
 APPROACH = 15.0
 """Straight before the first lane of a cone track, and after the last (m)."""

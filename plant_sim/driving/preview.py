@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
 from canroll.typing import Vector
-from vehicles import Vehicle
-from vehicles.axles import axles
+from canroll.vehicles import Vehicle
+from canroll.vehicles.axles import axles
 
 POINTS = 16
 """Points of the path that the driver looks at, equally spaced over the preview time."""

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
+from canroll.plant_sim.driving.drive import ManeuverPlan
+from canroll.plant_sim.kernels.instants import STEP_NS
 from canroll.typing import Vector
-from plant_sim.driving.drive import ManeuverPlan
-from plant_sim.kernels.instants import STEP_NS
 
 STEP = 0.05
 """Distance between the points of a road profile (m)."""
@@ -124,7 +124,7 @@ def on_road(plan: ManeuverPlan, file: str) -> ManeuverPlan:
         CanrollError: an unreadable file, a number out of range, or one side without the other.
     """
     # the readers of logs, for a road from a file
-    from plant_sim.driving import signal_file  # noqa: PLC0415
+    from canroll.plant_sim.driving import signal_file  # noqa: PLC0415
 
     given = {signal.name: signal for signal in signal_file.read_over(file, "distance", COLUMNS)}
     for name, signal in given.items():

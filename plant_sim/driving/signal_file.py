@@ -18,15 +18,15 @@ from cantools.database import Message
 from numpy.typing import NDArray
 
 from canroll import documents
+from canroll.dbc.reader import network
 from canroll.errors import CanrollError, MissingExtraError, UnknownNameError, reason
+from canroll.plant_sim.buses import LOGS
+from canroll.plant_sim.can_bus.logs.databases import DAMAGED_MF4
+from canroll.plant_sim.can_bus.traffic.log_name import LogName, log_name
+from canroll.plant_sim.can_bus.traffic.log_reader import Logged, read_log, select_channel
+from canroll.plant_sim.can_bus.wire.frame import EXTENDED, REMOTE
+from canroll.plant_sim.driving.columns import rows as rows_of
 from canroll.typing import Vector
-from dbc.reader import network
-from plant_sim.buses import LOGS
-from plant_sim.can_bus.logs.databases import DAMAGED_MF4
-from plant_sim.can_bus.traffic.log_name import LogName, log_name
-from plant_sim.can_bus.traffic.log_reader import Logged, read_log, select_channel
-from plant_sim.can_bus.wire.frame import EXTENDED, REMOTE
-from plant_sim.driving.columns import rows as rows_of
 
 CSV_UNITS: Final = {
     "steering_wheel_deg": "deg",

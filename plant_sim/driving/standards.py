@@ -1,7 +1,8 @@
 """Pass or fail by the standards: FMVSS 126, NHTSA's rollover tests, ISO 3888 cone tracks.
 
 Every function reads recorded signals by name, one value per millisecond, SI units: those of
-:meth:`plant_sim.world.world.World.signals` or of :func:`plant_sim.world.open_loop.signals`.
+:meth:`canroll.plant_sim.world.world.World.signals` or of
+:func:`canroll.plant_sim.world.open_loop.signals`.
 """
 
 from collections.abc import Mapping
@@ -11,11 +12,11 @@ from math import cos, inf, sin
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.plant_sim.bodies.ports import WHEELS
+from canroll.plant_sim.driving import path, steer_maneuvers
+from canroll.plant_sim.driving.path_maneuvers import APPROACH, OVERHANG
 from canroll.typing import Vector
-from plant_sim.bodies.ports import WHEELS
-from plant_sim.driving import path, steer_maneuvers
-from plant_sim.driving.path_maneuvers import APPROACH, OVERHANG
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 Signals = Mapping[str, NDArray[np.float64]]
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError
+from canroll.plant_sim.driving.drive import ManeuverKind, ManeuverPlan, pedal, steady_steer
+from canroll.plant_sim.driving.driver import FISHHOOK, STEER_TABLE
+from canroll.plant_sim.kernels.instants import STEP_NS
 from canroll.typing import Vector
-from plant_sim.driving.drive import ManeuverKind, ManeuverPlan, pedal, steady_steer
-from plant_sim.driving.driver import FISHHOOK, STEER_TABLE
-from plant_sim.kernels.instants import STEP_NS
-from vehicles import GRAVITY, Vehicle
+from canroll.vehicles import GRAVITY, Vehicle
 
 START = 0.5
 """Straight running before the steering begins (s)."""

@@ -5,11 +5,11 @@ from math import degrees
 
 import numpy as np
 
-from plant_sim.driving.limit import slip_of
-from plant_sim.driving.standards import Signals
-from vehicles import Vehicle
-from vehicles.axles import Axle, axles
-from vehicles.tyre_files import coefficients, outside
+from canroll.plant_sim.driving.limit import slip_of
+from canroll.plant_sim.driving.standards import Signals
+from canroll.vehicles import Vehicle
+from canroll.vehicles.axles import Axle, axles
+from canroll.vehicles.tyre_files import coefficients, outside
 
 HELD = "forces were held at those of the limit"
 

@@ -2,7 +2,7 @@
 
 From Python, for a world or for a run::
 
-    from plant_sim.faults import parse
+    from canroll.plant_sim.faults import parse
 
     faults = parse("Imu.RollRate=stuck@2:4 + front=dead@3")
     world = World(..., faults=faults)
@@ -11,6 +11,6 @@ From Python, for a world or for a run::
 :class:`Fault` is one fault as plain data, ``kinds.KINDS`` the table of all kinds.
 """
 
-from plant_sim.faults.language import Fault, parse, parse_all, read_file
+from canroll.plant_sim.faults.language import Fault, parse, parse_all, read_file
 
 __all__ = ["Fault", "parse", "parse_all", "read_file"]

@@ -3,11 +3,11 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from plant_sim.faults import kinds
-from plant_sim.faults.language import Fault
-from plant_sim.nodes.actuators import ActuatorOptions
-from plant_sim.nodes.sensors import FAULTS as SENSOR_KINDS
-from plant_sim.nodes.sensors import SENDERS, SensorOptions
+from canroll.plant_sim.faults import kinds
+from canroll.plant_sim.faults.language import Fault
+from canroll.plant_sim.nodes.actuators import ActuatorOptions
+from canroll.plant_sim.nodes.sensors import FAULTS as SENSOR_KINDS
+from canroll.plant_sim.nodes.sensors import SENDERS, SensorOptions
 
 
 def power_losses(faults: Iterable[Fault]) -> Iterator[Fault]:

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 
-from plant_sim.buses.topology import NODES
-from plant_sim.nodes import actuators, sensors
+from canroll.plant_sim.buses.topology import NODES
+from canroll.plant_sim.nodes import actuators, sensors
 
 SIGNAL, MESSAGE, ACTUATOR, NODE, BUS, ATTACKER = (
     *("signal", "message", "actuator", "node", "bus", "attacker"),

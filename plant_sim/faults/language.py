@@ -12,8 +12,8 @@ from typing import Any
 
 from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
-from plant_sim.faults.kinds import PLACES, FaultKind, kinds_at
-from plant_sim.kernels import schedule
+from canroll.plant_sim.faults.kinds import PLACES, FaultKind, kinds_at
+from canroll.plant_sim.kernels import schedule
 
 FORM = "write WHERE=KIND, WHERE=KIND:VALUE@START:END or WHERE=KIND:VALUE@START:END:RAMP"
 AND = " + "
@@ -27,7 +27,7 @@ class Fault(schedule.ScheduledFault):
     """One fault by its place and kind.
 
     ``where`` is a name in ``kinds.PLACES``, such as "Imu.RollRate" or "front_left", ``kind`` one of
-    ``kinds.KINDS``; times as in :class:`plant_sim.kernels.schedule.ScheduledFault`.
+    ``kinds.KINDS``; times as in :class:`canroll.plant_sim.kernels.schedule.ScheduledFault`.
     """
 
     def __str__(self) -> str:

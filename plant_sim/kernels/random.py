@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.jit import njit
 
 _GAMMA: Final = np.uint64(0x9E3779B97F4A7C15)
 _STREAM: Final = np.uint64(0xD1B54A32D192ED03)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
-from plant_sim.kernels.instants import NEVER
-from plant_sim.kernels.jit import njit
-from plant_sim.kernels.records import fields
+from canroll.plant_sim.kernels.instants import NEVER
+from canroll.plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.records import fields
 
 FAULT = np.dtype(
     [*fields("i8", "places kind start end ramp every lasting"), *fields("f8", "value")]

@@ -11,12 +11,12 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import schedule
-from plant_sim.kernels.jit import njit
-from plant_sim.kernels.records import fields
-from plant_sim.nodes import codec, e2e, envelope, hydraulics
-from plant_sim.nodes.codec import Codec
-from vehicles.actuators import Bars, Dampers, SuspensionActuator, Valves
+from canroll.plant_sim.kernels import schedule
+from canroll.plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.records import fields
+from canroll.plant_sim.nodes import codec, e2e, envelope, hydraulics
+from canroll.plant_sim.nodes.codec import Codec
+from canroll.vehicles.actuators import Bars, Dampers, SuspensionActuator, Valves
 
 SUSPENSION, BARS, DAMPERS, VALVES = (
     kind.number for kind in (SuspensionActuator, Bars, Dampers, Valves)

@@ -4,13 +4,13 @@ Forces act on the body, upwards, with their reaction on the wheel; moments lift 
 Force over a step is the mean of its values at both ends, so that a lag costs no half step.
 """
 
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.schedule import factor, most, total
+from canroll.plant_sim.nodes import actuator_kernel as kernel
+from canroll.plant_sim.nodes import hydraulics
+from canroll.plant_sim.nodes.actuator_kernel import ActuatorNode, follows, set_status
 from canroll.typing import Vector
-from plant_sim.bodies import ports
-from plant_sim.kernels.jit import njit
-from plant_sim.kernels.schedule import factor, most, total
-from plant_sim.nodes import actuator_kernel as kernel
-from plant_sim.nodes import hydraulics
-from plant_sim.nodes.actuator_kernel import ActuatorNode, follows, set_status
 
 TORQUE_LOOP = 40.0
 """Bandwidth (rad/s) of the valves' loop."""

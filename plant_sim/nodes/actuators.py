@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.kernels import schedule
-from plant_sim.kernels.schedule import ScheduledFault
-from plant_sim.nodes import actuator_kernel, codec, codec_tables, e2e, envelope, hydraulics
-from plant_sim.nodes.actuator_kernel import ActuatorNode
-from vehicles.actuators import ACTUATORS, Actuator
-from vehicles.axles import axles
-from vehicles.model import SemiActiveDampers, Vehicle
+from canroll.plant_sim.kernels import schedule
+from canroll.plant_sim.kernels.schedule import ScheduledFault
+from canroll.plant_sim.nodes import actuator_kernel, codec, codec_tables, e2e, envelope, hydraulics
+from canroll.plant_sim.nodes.actuator_kernel import ActuatorNode
+from canroll.vehicles.actuators import ACTUATORS, Actuator
+from canroll.vehicles.axles import axles
+from canroll.vehicles.model import SemiActiveDampers, Vehicle
 
 COMMANDS = {name: actuator.commands for name, actuator in ACTUATORS.items()}
 """Messages that each node takes: name, first signal, channels."""

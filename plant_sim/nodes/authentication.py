@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels.instants import NEVER
-from plant_sim.kernels.jit import njit
-from plant_sim.kernels.records import fields
-from plant_sim.nodes.codec import Codec
+from canroll.plant_sim.kernels.instants import NEVER
+from canroll.plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.records import fields
+from canroll.plant_sim.nodes.codec import Codec
 
 SECURED = 20
 STARTS_AT, COUNT_AT, MAC_AT = 8, 11, 14

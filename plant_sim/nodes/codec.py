@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels.jit import njit
-from plant_sim.kernels.records import fields
-from plant_sim.nodes import float32
+from canroll.plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.records import fields
+from canroll.plant_sim.nodes import float32
 
 MAX_PAYLOAD = 64
 NO_ERROR_CODE = -(1 << 40)
@@ -59,7 +59,7 @@ middle of their ranges. ``real``: the raw code is the bits of a floating-point n
 
 
 class Codec(NamedTuple):
-    """Every message: rows of MESSAGE, FIELD, and PROTECTION of :mod:`plant_sim.nodes.e2e`."""
+    """Rows of MESSAGE and FIELD, and PROTECTION of :mod:`canroll.plant_sim.nodes.e2e`."""
 
     message: NDArray[Any]
     field: NDArray[Any]

@@ -6,20 +6,20 @@ from functools import cache
 import numpy as np
 from cantools.database.can import Message, Signal
 
-import dbc
+from canroll import dbc
+from canroll.codegen.frame.frame_protection import protection
+from canroll.codegen.frame.raw_signal import RawSignal, raw_signal
+from canroll.codegen.frame.units import conversion
+from canroll.codegen.generated.bus_map import BusMap
+from canroll.codegen.generated.mailbox import EXTENDED as EXTENDED_IDENT
+from canroll.codegen.generated.mailbox import Mailbox
+from canroll.codegen.generated.mapped_signal import MappedSignal
+from canroll.codegen.generated.second_signals import valid_codes
 from canroll.errors import UnknownNameError
-from codegen.frame.frame_protection import protection
-from codegen.frame.raw_signal import RawSignal, raw_signal
-from codegen.frame.units import conversion
-from codegen.generated.bus_map import BusMap
-from codegen.generated.mailbox import EXTENDED as EXTENDED_IDENT
-from codegen.generated.mailbox import Mailbox
-from codegen.generated.mapped_signal import MappedSignal
-from codegen.generated.second_signals import valid_codes
-from plant_sim.can_bus.network.own_frames import FURTHER_FRAMES, contract_names, flags_of
-from plant_sim.kernels.instants import MS
-from plant_sim.nodes import e2e, float32
-from plant_sim.nodes.codec import (
+from canroll.plant_sim.can_bus.network.own_frames import FURTHER_FRAMES, contract_names, flags_of
+from canroll.plant_sim.kernels.instants import MS
+from canroll.plant_sim.nodes import e2e, float32
+from canroll.plant_sim.nodes.codec import (
     FIELD,
     MESSAGE,
     NO_ERROR_CODE,

@@ -1,6 +1,6 @@
 """End-to-end protection of the plant's frames: checksums, counters and their receiver.
 
-It covers everything in :class:`codegen.frame.frame_protection.Protection`: AUTOSAR's E2E
+It covers everything in :class:`canroll.codegen.frame.frame_protection.Protection`: AUTOSAR's E2E
 profiles and manufacturers' schemes. The receiver's state machine is E2E_P01Check of the AUTOSAR E2E
 protocol specification (PRS_E2EProtocol, profile 1), for counters of any number of values. A counter
 beyond its last value, which no sender may use, is treated like a wrong checksum.
@@ -12,14 +12,14 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.codegen.frame.checksum import Bits, Checksum
+from canroll.codegen.frame.frame_protection import Protection
+from canroll.codegen.frame.own_protection import HELD_BITS
+from canroll.codegen.frame.place import Place
 from canroll.errors import CanrollError
-from codegen.frame.checksum import Bits, Checksum
-from codegen.frame.frame_protection import Protection
-from codegen.frame.own_protection import HELD_BITS
-from codegen.frame.place import Place
-from plant_sim.kernels.jit import njit
-from plant_sim.kernels.records import fields
-from plant_sim.nodes import own_sums
+from canroll.plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.records import fields
+from canroll.plant_sim.nodes import own_sums
 
 NO_CHECKSUM, CRC, SUM_OF, XOR, OWN = range(5)
 _METHODS = {"crc": CRC, "sum": SUM_OF, "xor": XOR, "function": OWN}

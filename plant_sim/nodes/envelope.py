@@ -4,7 +4,7 @@ The node takes the lateral acceleration from the Imu's frames, with a separate r
 yaw rate in them turns to the other side, no direction is known, and none is judged. A command
 that pushes the body outward for too long while the acceleration does not fall is not followed until
 it has stopped, nor is any once the acceleration has not been heard for long. Limits of moment and
-rate are the actuator's own (:func:`plant_sim.nodes.actuator_models.refer`).
+rate are the actuator's own (:func:`canroll.plant_sim.nodes.actuator_models.refer`).
 """
 
 from typing import Any, TypeAlias
@@ -12,11 +12,11 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.records import fields
+from canroll.plant_sim.nodes import codec, codec_tables, e2e
+from canroll.plant_sim.nodes.codec import Codec
 from canroll.typing import Vector
-from plant_sim.kernels.jit import njit
-from plant_sim.kernels.records import fields
-from plant_sim.nodes import codec, codec_tables, e2e
-from plant_sim.nodes.codec import Codec
 
 OUTWARD_SHARE = 0.2
 """Share of an axle's largest roll moment that may point outward for any time."""

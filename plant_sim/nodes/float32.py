@@ -2,7 +2,7 @@
 
 import math
 
-from plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.jit import njit
 
 NOT_A_NUMBER = 0x7FC00000
 _FRACTION = 1 << 23

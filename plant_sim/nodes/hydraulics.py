@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from canroll.plant_sim.kernels.jit import njit, stack_vector
+from canroll.plant_sim.kernels.records import fields
 from canroll.typing import Vector
-from plant_sim.kernels.jit import njit, stack_vector
-from plant_sim.kernels.records import fields
-from vehicles.model import ElectroHydraulicBars
+from canroll.vehicles.model import ElectroHydraulicBars
 
 SPOOL, SPOOL_RATE, PRESSURE, ANGLE, ANGLE_RATE = range(5)
 VALVE = np.dtype(

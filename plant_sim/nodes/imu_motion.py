@@ -9,8 +9,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.bodies import ports
-from plant_sim.kernels.jit import njit
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.kernels.jit import njit
 
 GRAVITY = 9.81
 
@@ -45,8 +45,8 @@ def specific_motion(
 ) -> None:
     """Angular rate and specific force at ``arm`` (3, m from the sprung CG, body axes).
 
-    ``inputs`` and ``outputs`` are a body's vectors (``plant_sim.bodies.ports``); ``motion`` (6) is
-    filled.
+    ``inputs`` and ``outputs`` are a body's vectors (``canroll.plant_sim.bodies.ports``); ``motion``
+    (6) is filled.
     """
     sr, cr = math.sin(outputs[ports.ROLL]), math.cos(outputs[ports.ROLL])
     sp, cp = math.sin(outputs[ports.PITCH]), math.cos(outputs[ports.PITCH])

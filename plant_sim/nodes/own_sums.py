@@ -9,8 +9,8 @@ import numpy as np
 from numba.types import Array, int64
 from numpy.typing import NDArray
 
-from codegen.frame.checksum import OwnChecksum
-from plant_sim.kernels.jit import function_at, njit
+from canroll.codegen.frame.checksum import OwnChecksum
+from canroll.plant_sim.kernels.jit import function_at, njit
 
 _SIGNATURE = int64(Array(int64, 1, "C"), int64)
 _function_at = function_at(_SIGNATURE)

@@ -13,16 +13,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.bodies import ports
-from plant_sim.kernels import schedule
-from plant_sim.kernels.instants import STEP_NS
-from plant_sim.kernels.jit import njit
-from plant_sim.kernels.random import uniform
-from plant_sim.kernels.records import fields
-from plant_sim.kernels.schedule import Faults
-from plant_sim.nodes import codec, e2e
-from plant_sim.nodes.codec import Codec
-from plant_sim.nodes.imu_motion import FORCE, RATE, along, specific_motion
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.kernels import schedule
+from canroll.plant_sim.kernels.instants import STEP_NS
+from canroll.plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.random import uniform
+from canroll.plant_sim.kernels.records import fields
+from canroll.plant_sim.kernels.schedule import Faults
+from canroll.plant_sim.nodes import codec, e2e
+from canroll.plant_sim.nodes.codec import Codec
+from canroll.plant_sim.nodes.imu_motion import FORCE, RATE, along, specific_motion
 
 # Channels, in the order of the DBC's signals, node by node.
 ROLL_RATE, LATERAL, YAW_RATE = 0, 1, 2
@@ -65,10 +65,9 @@ STEP = 1e-3
 class SensorTables(NamedTuple):
     """Tables of every sensor node: rows of :data:`CHANNEL` and :data:`NODE`.
 
-    ``fault`` has rows of :mod:`plant_sim.kernels.schedule`, ``history`` (FAULTS, HISTORY) the
-    newest samples of delayed signals. ``mounting`` (9) rotates body axes to the IMU's, ``arm`` (3)
-    is its position (m from the sprung
-    CG), ``motion`` (6) the motion there.
+    ``fault`` has rows of :mod:`canroll.plant_sim.kernels.schedule`, ``history`` (FAULTS, HISTORY)
+    the newest samples of delayed signals. ``mounting`` (9) rotates body axes to the IMU's, ``arm``
+    (3) is its position (m from the sprung CG), ``motion`` (6) the motion there.
     """
 
     channel: NDArray[Any]

@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.can_bus.network import own_frames
-from plant_sim.kernels import schedule
-from plant_sim.kernels.instants import NEVER
-from plant_sim.kernels.schedule import ScheduledFault
-from plant_sim.nodes import codec, codec_tables, sensor_kernel
-from plant_sim.nodes.codec import Codec
-from plant_sim.nodes.imu_motion import N_MOTION, mounting
-from plant_sim.nodes.sensor_kernel import SensorTables
-from vehicles.model import SensorChannel, Vehicle
+from canroll.plant_sim.can_bus.network import own_frames
+from canroll.plant_sim.kernels import schedule
+from canroll.plant_sim.kernels.instants import NEVER
+from canroll.plant_sim.kernels.schedule import ScheduledFault
+from canroll.plant_sim.nodes import codec, codec_tables, sensor_kernel
+from canroll.plant_sim.nodes.codec import Codec
+from canroll.plant_sim.nodes.imu_motion import N_MOTION, mounting
+from canroll.plant_sim.nodes.sensor_kernel import SensorTables
+from canroll.vehicles.model import SensorChannel, Vehicle
 
 SENDERS = {
     "Imu": "Imu",

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from plant_sim.world.spool import Columns, Rows, blocks, row_count
+from canroll.plant_sim.world.spool import Columns, Rows, blocks, row_count
 
 READ_BYTES = 1 << 20
 """Bytes of an array that are read at a time."""

@@ -10,12 +10,12 @@ import numpy as np
 from numba.types import int32, int64, void
 from numpy.typing import NDArray
 
-from plant_sim import can_bus as bus
-from plant_sim.bodies import ports
-from plant_sim.kernels.instants import STEP_NS
-from plant_sim.kernels.jit import borrowed, function_at, njit
-from plant_sim.nodes.codec import MAX_PAYLOAD
-from plant_sim.world.world_kernel import LoopMemory, Parts, advance
+from canroll.plant_sim import can_bus as bus
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.kernels.instants import STEP_NS
+from canroll.plant_sim.kernels.jit import borrowed, function_at, njit
+from canroll.plant_sim.nodes.codec import MAX_PAYLOAD
+from canroll.plant_sim.world.world_kernel import LoopMemory, Parts, advance
 
 MAILBOXES = 256
 """Room for the mailboxes of either direction."""

@@ -7,18 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
-from plant_sim import can_bus
-from plant_sim.can_bus.kernel import layout
-from plant_sim.can_bus.wire.frame import INTERFRAME_BITS
-from plant_sim.faults import Fault, kinds
-from plant_sim.faults.effects import power_losses
-from plant_sim.kernels import schedule
-from plant_sim.kernels.instants import NEVER
-from plant_sim.nodes import codec_tables
-from plant_sim.nodes.codec import Codec
-from plant_sim.nodes.sensor_kernel import SensorTables
-from plant_sim.nodes.sensors import PER_UNIT
-from plant_sim.world import frame_kernel
+from canroll.plant_sim import can_bus
+from canroll.plant_sim.can_bus.kernel import layout
+from canroll.plant_sim.can_bus.wire.frame import INTERFRAME_BITS
+from canroll.plant_sim.faults import Fault, kinds
+from canroll.plant_sim.faults.effects import power_losses
+from canroll.plant_sim.kernels import schedule
+from canroll.plant_sim.kernels.instants import NEVER
+from canroll.plant_sim.nodes import codec_tables
+from canroll.plant_sim.nodes.codec import Codec
+from canroll.plant_sim.nodes.sensor_kernel import SensorTables
+from canroll.plant_sim.nodes.sensors import PER_UNIT
+from canroll.plant_sim.world import frame_kernel
 
 FLOOD_IDENT, FLOOD_LENGTH = 0x000, 8
 FLOOD_BITS = 44 + 8 * FLOOD_LENGTH + 13 + INTERFRAME_BITS

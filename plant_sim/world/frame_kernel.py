@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim import can_bus as bus
-from plant_sim.kernels import schedule
-from plant_sim.kernels.jit import njit
-from plant_sim.kernels.random import Stream, uniform
-from plant_sim.kernels.records import fields
-from plant_sim.nodes import authentication, codec, e2e
-from plant_sim.nodes.authentication import NodeAuthentication
-from plant_sim.nodes.codec import Codec
+from canroll.plant_sim import can_bus as bus
+from canroll.plant_sim.kernels import schedule
+from canroll.plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.random import Stream, uniform
+from canroll.plant_sim.kernels.records import fields
+from canroll.plant_sim.nodes import authentication, codec, e2e
+from canroll.plant_sim.nodes.authentication import NodeAuthentication
+from canroll.plant_sim.nodes.codec import Codec
 
 FRAME_FAULTS = (
     *("loss", "corruption", "delay", "duplicate", "reorder", "spoof", "replay", "wrong_length"),

@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, VerdictError
+from canroll.plant_sim.bodies.ports import Body
+from canroll.plant_sim.driving.drive import ManeuverPlan, make_drive, steady_steer
+from canroll.plant_sim.driving.driver import STEER_TABLE
+from canroll.plant_sim.driving.maneuvers import Maneuver, build
+from canroll.plant_sim.kernels.instants import STEP_NS
+from canroll.plant_sim.world import open_loop
 from canroll.table import Table
 from canroll.typing import Vector
-from plant_sim.bodies.ports import Body
-from plant_sim.driving.drive import ManeuverPlan, make_drive, steady_steer
-from plant_sim.driving.driver import STEER_TABLE
-from plant_sim.driving.maneuvers import Maneuver, build
-from plant_sim.kernels.instants import STEP_NS
-from plant_sim.world import open_loop
-from vehicles import GRAVITY, Vehicle
-from vehicles.axles import road_wheels
+from canroll.vehicles import GRAVITY, Vehicle
+from canroll.vehicles.axles import road_wheels
 
 SETTLED = 1000
 """How many of the last milliseconds of a steady run are averaged."""
@@ -30,7 +30,7 @@ LINEAR_ACCELERATION = 3.0
 """Lateral acceleration (m/s²) up to which the gradients are fitted."""
 
 EVALUATED = ("vx", "vy", "ay", "yaw_rate", "roll", "path_error", "rollover", "steer")
-"""Signals (:mod:`plant_sim.world.recording`) that the tests evaluate."""
+"""Signals (:mod:`canroll.plant_sim.world.recording`) that the tests evaluate."""
 
 Drive = Callable[[Maneuver, int], Mapping[str, NDArray[np.float64]]]
 """Drives a manoeuvre and returns the signals :data:`EVALUATED` of so many steps at its end."""

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from scipy.linalg import expm, logm, matrix_balance
 
 from canroll.errors import CanrollError
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.bodies.ports import Body, initial_inputs
+from canroll.plant_sim.kernels.instants import STEP_NS
+from canroll.plant_sim.nodes.imu_motion import FORCE, N_MOTION, specific_motion
+from canroll.plant_sim.world.open_loop import advance
 from canroll.typing import Vector
-from plant_sim.bodies import ports
-from plant_sim.bodies.ports import Body, initial_inputs
-from plant_sim.kernels.instants import STEP_NS
-from plant_sim.nodes.imu_motion import FORCE, N_MOTION, specific_motion
-from plant_sim.world.open_loop import advance
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 Matrix = NDArray[np.float64]
 
@@ -77,8 +77,8 @@ class LinearPlant:
     """x' = A x + B u, y = C x + D u for small deviations from a trim.
 
     ``b`` (n, N_INPUTS) and ``d`` have a column for each input slot of
-    :mod:`plant_sim.bodies.ports`; ``c`` (N_OUTPUTS + 1, n) and ``d`` a row for each output slot,
-    and a last one, :data:`IMU_LATERAL_ACCELERATION`.
+    :mod:`canroll.plant_sim.bodies.ports`; ``c`` (N_OUTPUTS + 1, n) and ``d`` a row for each output
+    slot, and a last one, :data:`IMU_LATERAL_ACCELERATION`.
     """
 
     a: Matrix

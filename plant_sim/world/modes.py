@@ -11,8 +11,8 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.bodies import ports
-from plant_sim.world.linearise import LinearPlant
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.world.linearise import LinearPlant
 
 _AT_REST = 1e-6  # 1/s: a pole slower than that is no motion that anything would show
 _MOTIONS = {

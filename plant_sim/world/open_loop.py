@@ -7,16 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.bodies.ports import Body, initial_inputs
+from canroll.plant_sim.driving.driver import ACCELERATION_TABLE, DriveInputs, uncounted
+from canroll.plant_sim.driving.driver import drive as apply_drive
+from canroll.plant_sim.driving.maneuvers import Maneuver
+from canroll.plant_sim.kernels.instants import STEP_NS
+from canroll.plant_sim.kernels.jit import borrowed, njit
+from canroll.plant_sim.world import recording
 from canroll.typing import Vector
-from plant_sim.bodies import ports
-from plant_sim.bodies.ports import Body, initial_inputs
-from plant_sim.driving.driver import ACCELERATION_TABLE, DriveInputs, uncounted
-from plant_sim.driving.driver import drive as apply_drive
-from plant_sim.driving.maneuvers import Maneuver
-from plant_sim.kernels.instants import STEP_NS
-from plant_sim.kernels.jit import borrowed, njit
-from plant_sim.world import recording
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 
 @njit
@@ -99,8 +99,8 @@ def run_passive(
     """Drive ``maneuver`` with all actuators off.
 
     Returns:
-        outputs: one row per millisecond, columns of :mod:`plant_sim.bodies.ports`; ends early on a
-            rollover.
+        outputs: one row per millisecond, columns of :mod:`canroll.plant_sim.bodies.ports`; ends
+            early on a rollover.
         steer: the road-wheel angle of each row (rad).
     """
     state, inputs, parameters, outputs = start(vehicle, body, maneuver)

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from codegen.generated.mailbox import EXTENDED
-from plant_sim.can_bus import DELIVERED, ECU
-from plant_sim.world.spool import Table, blocks
+from canroll.codegen.generated.mailbox import EXTENDED
+from canroll.plant_sim.can_bus import DELIVERED, ECU
+from canroll.plant_sim.world.spool import Table, blocks
 
 
 def received_by_ecu(frames: Table, ident: int) -> NDArray[np.void]:

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.bodies import ports
-from plant_sim.bodies.ports import Port
-from plant_sim.kernels.jit import njit
-from plant_sim.kernels.records import fields
-from plant_sim.nodes import actuator_kernel
-from plant_sim.nodes.actuator_kernel import ActuatorNode
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.bodies.ports import Port
+from canroll.plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.records import fields
+from canroll.plant_sim.nodes import actuator_kernel
+from canroll.plant_sim.nodes.actuator_kernel import ActuatorNode
 
 INPUTS = ports.N_OUTPUTS
 ACTUATOR = INPUTS + ports.N_INPUTS

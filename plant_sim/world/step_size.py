@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.bodies.ports import Body
+from canroll.plant_sim.kernels.instants import STEP_NS
+from canroll.plant_sim.kernels.jit import njit
 from canroll.typing import Vector
-from plant_sim.bodies import ports
-from plant_sim.bodies.ports import Body
-from plant_sim.kernels.instants import STEP_NS
-from plant_sim.kernels.jit import njit
 
 STEP = STEP_NS * 1e-9
 GROWTH_MAX = 1.05

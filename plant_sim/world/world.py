@@ -11,25 +11,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.dbc.keys import DEVELOPMENT_KEY
 from canroll.errors import CanrollError
-from dbc.keys import DEVELOPMENT_KEY
-from plant_sim import can_bus
-from plant_sim.bodies import body as body_named
-from plant_sim.driving.maneuvers import Maneuver
-from plant_sim.faults import Fault
-from plant_sim.faults.effects import with_faults
-from plant_sim.kernels.instants import STEP_NS
-from plant_sim.kernels.jit import compiling, is_cached
-from plant_sim.kernels.records import entry, type_of
-from plant_sim.nodes.actuators import ActuatorOptions
-from plant_sim.nodes.codec import MAX_PAYLOAD
-from plant_sim.nodes.codec_tables import message_index
-from plant_sim.nodes.sensors import SensorOptions
-from plant_sim.world import fault_parts, recording, world_parts
-from plant_sim.world.ecu_kernel import Connection, TickSpan, run
-from plant_sim.world.recording import EVERYTHING, Kept
-from plant_sim.world.spool import Columns, Rows
-from plant_sim.world.world_kernel import (
+from canroll.plant_sim import can_bus
+from canroll.plant_sim.bodies import body as body_named
+from canroll.plant_sim.driving.maneuvers import Maneuver
+from canroll.plant_sim.faults import Fault
+from canroll.plant_sim.faults.effects import with_faults
+from canroll.plant_sim.kernels.instants import STEP_NS
+from canroll.plant_sim.kernels.jit import compiling, is_cached
+from canroll.plant_sim.kernels.records import entry, type_of
+from canroll.plant_sim.nodes.actuators import ActuatorOptions
+from canroll.plant_sim.nodes.codec import MAX_PAYLOAD
+from canroll.plant_sim.nodes.codec_tables import message_index
+from canroll.plant_sim.nodes.sensors import SensorOptions
+from canroll.plant_sim.world import fault_parts, recording, world_parts
+from canroll.plant_sim.world.ecu_kernel import Connection, TickSpan, run
+from canroll.plant_sim.world.recording import EVERYTHING, Kept
+from canroll.plant_sim.world.spool import Columns, Rows
+from canroll.plant_sim.world.world_kernel import (
     EXTENDED_KEY,
     FOR_ACTUATOR,
     FRAME,
@@ -37,7 +37,7 @@ from plant_sim.world.world_kernel import (
     advance,
     second_half,
 )
-from vehicles.model import Vehicle
+from canroll.vehicles.model import Vehicle
 
 __all__ = ["FRAME", "World"]
 
@@ -59,8 +59,8 @@ class World:
     """One run of one vehicle through one manoeuvre, seen from its bus.
 
     Args:
-        vehicle: the vehicle, from ``vehicles.load``.
-        body: a name of ``plant_sim.bodies``; the linear full car includes the hydraulics of
+        vehicle: the vehicle, from ``canroll.vehicles.load``.
+        body: a name of ``canroll.plant_sim.bodies``; the linear full car includes the hydraulics of
             ``valves``.
         maneuver: the manoeuvre, from ``maneuvers.build``.
         actuator: ``suspension``, ``bars``, ``dampers`` or ``valves``.
@@ -71,7 +71,7 @@ class World:
         command_timeout_ms: age at which the actuators release a command.
         sensors: operating conditions of the sensors.
         actuators: operating conditions of the actuators.
-        faults: what fails (:mod:`plant_sim.faults`), on top of the faults in those conditions.
+        faults: what fails (:mod:`canroll.plant_sim.faults`), on top of those in the conditions.
         kept: what is kept of the run.
         key: of the authentication, on a bus whose frames are authenticated.
         starts: number of this start of the vehicle's nodes there.

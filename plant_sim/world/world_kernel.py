@@ -10,20 +10,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim import can_bus as bus
-from plant_sim.bodies import ports
-from plant_sim.can_bus.wire.frame import ERROR_STATE, EXTENDED, RECESSIVE_INDICATOR
-from plant_sim.driving.driver import DriveInputs, drive, uncounted
-from plant_sim.kernels.instants import STEP_NS
-from plant_sim.kernels.jit import borrowed, njit, step_at
-from plant_sim.kernels.records import fields
-from plant_sim.nodes import actuator_kernel, authentication, codec, envelope, sensor_kernel
-from plant_sim.nodes.actuator_kernel import ActuatorNode
-from plant_sim.nodes.actuator_models import act
-from plant_sim.nodes.authentication import NodeAuthentication
-from plant_sim.nodes.codec import Codec
-from plant_sim.nodes.sensor_kernel import SensorTables
-from plant_sim.world import frame_kernel, recording
+from canroll.plant_sim import can_bus as bus
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.can_bus.wire.frame import ERROR_STATE, EXTENDED, RECESSIVE_INDICATOR
+from canroll.plant_sim.driving.driver import DriveInputs, drive, uncounted
+from canroll.plant_sim.kernels.instants import STEP_NS
+from canroll.plant_sim.kernels.jit import borrowed, njit, step_at
+from canroll.plant_sim.kernels.records import fields
+from canroll.plant_sim.nodes import actuator_kernel, authentication, codec, envelope, sensor_kernel
+from canroll.plant_sim.nodes.actuator_kernel import ActuatorNode
+from canroll.plant_sim.nodes.actuator_models import act
+from canroll.plant_sim.nodes.authentication import NodeAuthentication
+from canroll.plant_sim.nodes.codec import Codec
+from canroll.plant_sim.nodes.sensor_kernel import SensorTables
+from canroll.plant_sim.world import frame_kernel, recording
 
 FRAME = np.dtype(
     [

@@ -8,26 +8,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
+from canroll.plant_sim import can_bus
+from canroll.plant_sim.bodies.ports import PARAMETERS_MAX, STATES_MAX, Body
+from canroll.plant_sim.can_bus.network import own_frames
+from canroll.plant_sim.can_bus.wire.frame import FD
+from canroll.plant_sim.driving.maneuvers import Maneuver
+from canroll.plant_sim.faults import Fault
+from canroll.plant_sim.kernels.records import to_record
+from canroll.plant_sim.nodes import actuators as actuator_setup
+from canroll.plant_sim.nodes import authentication, codec, codec_tables, sensor_kernel
+from canroll.plant_sim.nodes import sensors as sensor_setup
+from canroll.plant_sim.nodes.actuators import ActuatorOptions
+from canroll.plant_sim.nodes.codec import Codec
+from canroll.plant_sim.nodes.sensors import SensorOptions
+from canroll.plant_sim.world import fault_parts, open_loop, recording
+from canroll.plant_sim.world import world_kernel as kernel
+from canroll.plant_sim.world.step_size import check_step
+from canroll.plant_sim.world.world_kernel import LoopMemory, Parts
 from canroll.typing import Vector
-from plant_sim import can_bus
-from plant_sim.bodies.ports import PARAMETERS_MAX, STATES_MAX, Body
-from plant_sim.can_bus.network import own_frames
-from plant_sim.can_bus.wire.frame import FD
-from plant_sim.driving.maneuvers import Maneuver
-from plant_sim.faults import Fault
-from plant_sim.kernels.records import to_record
-from plant_sim.nodes import actuators as actuator_setup
-from plant_sim.nodes import authentication, codec, codec_tables, sensor_kernel
-from plant_sim.nodes import sensors as sensor_setup
-from plant_sim.nodes.actuators import ActuatorOptions
-from plant_sim.nodes.codec import Codec
-from plant_sim.nodes.sensors import SensorOptions
-from plant_sim.world import fault_parts, open_loop, recording
-from plant_sim.world import world_kernel as kernel
-from plant_sim.world.step_size import check_step
-from plant_sim.world.world_kernel import LoopMemory, Parts
-from vehicles.actuators import ACTUATORS
-from vehicles.model import Vehicle
+from canroll.vehicles.actuators import ACTUATORS
+from canroll.vehicles.model import Vehicle
 
 LOG_CAPACITY = 1 << 15
 RECORD_CAPACITY = 1000

@@ -11,7 +11,7 @@ import tomli_w
 
 import canroll
 from canroll.errors import EXTRAS
-from firmware.calibration import Q_MOMENT
+from canroll.firmware.calibration import Q_MOMENT
 
 
 def test_every_public_name_is_there():

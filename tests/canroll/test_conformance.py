@@ -3,10 +3,10 @@
 import pytest
 
 from canroll import testing
-from gain_gen.laws import LAWS
-from plant_sim.bodies import BODIES
-from plant_sim.buses import BUSES
-from plant_sim.driving import MANEUVERS
+from canroll.gain_gen.laws import LAWS
+from canroll.plant_sim.bodies import BODIES
+from canroll.plant_sim.buses import BUSES
+from canroll.plant_sim.driving import MANEUVERS
 
 NEEDS = {"lqr_full_car": {"vehicle": "car_2020", "actuator": "valves"}}
 

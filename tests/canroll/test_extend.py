@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from canroll.cli.main import main
-from gain_gen.laws import LAWS
+from canroll.gain_gen.laws import LAWS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "extend.md").read_text()
 BLOCKS = re.findall(r"^```(\w+) ?(\S*)\n(.*?)^```", PAGE, re.S | re.M)

@@ -9,20 +9,20 @@ from canroll import extension
 from canroll.cli.listing import REGISTRIES
 from canroll.cli.main import main
 from canroll.errors import CanrollError
+from canroll.gain_gen.laws import LAWS
+from canroll.plant_sim.bodies import BODIES
+from canroll.plant_sim.buses import BUSES
+from canroll.plant_sim.driving import MANEUVERS
 from canroll.registry import Registry
-from gain_gen.laws import LAWS
-from plant_sim.bodies import BODIES
-from plant_sim.buses import BUSES
-from plant_sim.driving import MANEUVERS
-from vehicles import load
+from canroll.vehicles import load
 
 LAW = '''
 from dataclasses import replace
 
 import numpy as np
 
-from gain_gen.laws.state_feedback import design_lqr
-from gain_gen.models.controller import scaled_controller
+from canroll.gain_gen.laws.state_feedback import design_lqr
+from canroll.gain_gen.models.controller import scaled_controller
 
 
 def good(task):
@@ -65,9 +65,9 @@ text = "no law"
 PLANTS = """
 import numpy as np
 
-from plant_sim.bodies import ports, roll
-from plant_sim.bodies.ports import Body
-from plant_sim.kernels.jit import cfunc
+from canroll.plant_sim.bodies import ports, roll
+from canroll.plant_sim.bodies.ports import Body
+from canroll.plant_sim.kernels.jit import cfunc
 
 BODY = Body("twin", roll.step, roll.build)
 '''As roll1.'''
@@ -88,8 +88,8 @@ SIGNATURE = Body("signature", other, roll.build)
 MANOEUVRES = """
 import numpy as np
 
-from plant_sim.driving.drive import ManeuverKind, ManeuverPlan
-from plant_sim.driving.driver import STEER_TABLE
+from canroll.plant_sim.driving.drive import ManeuverKind, ManeuverPlan
+from canroll.plant_sim.driving.driver import STEER_TABLE
 
 
 def plan(table, **more):
@@ -111,7 +111,7 @@ SPEEDS = ManeuverKind("step", 60.0, 120.0, "none", plan(np.zeros(9), speed=[20.0
 OPTION = ManeuverKind("step", 60.0, 120.0, "none", lambda vehicle, speed, seed, *, where=None: None)
 """
 BUS = """
-from plant_sim.buses.profile import BusProfile
+from canroll.plant_sim.buses.profile import BusProfile
 
 GOOD = BusProfile("quiet", 250_000, 0.4)
 FULL = BusProfile("full", 250_000, 1.0)

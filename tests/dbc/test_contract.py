@@ -5,11 +5,11 @@ from math import floor
 import cantools
 import pytest
 
-import dbc
+from canroll import dbc
+from canroll.firmware import calibration, plausibility, state
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.subset import fields
 from canroll.setup.choices import CHOICES
-from firmware import calibration, plausibility, state
-from firmware.calibration import Calibration
-from firmware.subset import fields
 
 LIMITS = {field.name: field.f.hi for field in fields(Calibration)}
 COMMANDS = {field.name: (field.f.lo, field.f.hi) for field in fields(state.Ecu)}

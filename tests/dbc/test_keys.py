@@ -3,8 +3,8 @@
 import pytest
 
 from canroll import documents
+from canroll.dbc.keys import DEVELOPMENT_KEY, KEY_BYTES, read_key
 from canroll.errors import CanrollError
-from dbc.keys import DEVELOPMENT_KEY, KEY_BYTES, read_key
 
 DIGITS = "00112233445566778899AabbCcddEeff"
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-import dbc
+from canroll import dbc
+from canroll.dbc.reader import network_file
 from canroll.errors import CanrollError
-from dbc.reader import network_file
 
 HEAD = 'VERSION ""\nNS_ :\n\tCM_\n\tVAL_\nBS_:\nBU_: A B\n'
 PLAIN = (

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-import dbc
+from canroll import dbc
+from canroll.dbc.reader import network, paths_of
 from canroll.errors import CanrollError
-from dbc.reader import network, paths_of
 
 CAR = """VERSION ""
 BU_: A B

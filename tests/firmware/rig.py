@@ -12,13 +12,13 @@ import pytest
 from e2e import p01
 from scipy.linalg import expm, solve_discrete_are
 
-import dbc
-from firmware import calibration as fw
-from firmware import ecu as loop
-from firmware.calibration import Calibration
-from firmware.com import signals
-from firmware.state import Ecu
-from firmware.subset import fields
+from canroll import dbc
+from canroll.firmware import calibration as fw
+from canroll.firmware import ecu as loop
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.com import signals
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import fields
 
 G = 9.81
 DATABASE = dbc.load()

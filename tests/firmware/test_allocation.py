@@ -6,8 +6,8 @@ import rig
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware import calibration as fw
-from firmware.allocation import allocate
+from canroll.firmware import calibration as fw
+from canroll.firmware.allocation import allocate
 
 Q14 = 2**14
 SIDES = np.array([1, -1, 1, -1])

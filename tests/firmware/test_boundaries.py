@@ -3,18 +3,18 @@
 import pytest
 import rig
 
-from firmware import calibration as fw
-from firmware import ecu as loop
-from firmware import plausibility as sv
-from firmware.com.mailbox import read_inputs
-from firmware.com.signals import RX_SIGNALS
-from firmware.control_law import control
-from firmware.covariance import bounded, propagate, update
-from firmware.event_trigger import NOTHING, moved, trigger
-from firmware.identification import identify
-from firmware.observer import lateral_by_steering, learn_offsets, look_ahead, observe
-from firmware.schedule import schedule
-from firmware.state import (
+from canroll.firmware import calibration as fw
+from canroll.firmware import ecu as loop
+from canroll.firmware import plausibility as sv
+from canroll.firmware.com.mailbox import read_inputs
+from canroll.firmware.com.signals import RX_SIGNALS
+from canroll.firmware.control_law import control
+from canroll.firmware.covariance import bounded, propagate, update
+from canroll.firmware.event_trigger import NOTHING, moved, trigger
+from canroll.firmware.identification import identify
+from canroll.firmware.observer import lateral_by_steering, learn_offsets, look_ahead, observe
+from canroll.firmware.schedule import schedule
+from canroll.firmware.state import (
     ACTIVE,
     RX_ACTUATOR_STATE,
     RX_IMU,

@@ -6,13 +6,13 @@ import zlib
 import pytest
 import rig
 
-from firmware import calibration as fw
-from firmware import ecu as loop
-from firmware import plausibility as sv
-from firmware.check import RULE_CRC
-from firmware.limits import LAST_WORD
-from firmware.state import ACTIVE, SAFE, Ecu
-from firmware.subset import fields, octet, word
+from canroll.firmware import calibration as fw
+from canroll.firmware import ecu as loop
+from canroll.firmware import plausibility as sv
+from canroll.firmware.check import RULE_CRC
+from canroll.firmware.limits import LAST_WORD
+from canroll.firmware.state import ACTIVE, SAFE, Ecu
+from canroll.firmware.subset import fields, octet, word
 
 CODE = 1 << sv.FAULT_CALIBRATION_CRC
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import rig
 
-from firmware import calibration as fw
-from firmware import control_law
-from firmware.state import ACTIVE, SAFE
+from canroll.firmware import calibration as fw
+from canroll.firmware import control_law
+from canroll.firmware.state import ACTIVE, SAFE
 
 KMH = 2**20 / 3.6
 

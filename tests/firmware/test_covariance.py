@@ -5,10 +5,10 @@ import pytest
 import rig
 from scipy.linalg import solve_discrete_are
 
-from firmware import calibration as fw
-from firmware import ecu as loop
-from firmware.covariance import bounded, propagate, update
-from firmware.state import ACTIVE, DEGRADED
+from canroll.firmware import calibration as fw
+from canroll.firmware import ecu as loop
+from canroll.firmware.covariance import bounded, propagate, update
+from canroll.firmware.state import ACTIVE, DEGRADED
 
 TICK = 0.01
 S = rig.covariance_units()

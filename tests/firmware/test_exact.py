@@ -10,15 +10,15 @@ from fractions import Fraction
 import pytest
 import rig
 
-from firmware import calibration as fw
-from firmware import control_law
-from firmware.allocation import allocate
-from firmware.com.signals import RX_SIGNALS
-from firmware.covariance import propagate, update
-from firmware.identification import identify, learn
-from firmware.observer import look_ahead, observe
-from firmware.schedule import schedule
-from firmware.state import ACTIVE, RX_IMU, RX_VEHICLE_MOTION
+from canroll.firmware import calibration as fw
+from canroll.firmware import control_law
+from canroll.firmware.allocation import allocate
+from canroll.firmware.com.signals import RX_SIGNALS
+from canroll.firmware.covariance import propagate, update
+from canroll.firmware.identification import identify, learn
+from canroll.firmware.observer import look_ahead, observe
+from canroll.firmware.schedule import schedule
+from canroll.firmware.state import ACTIVE, RX_IMU, RX_VEHICLE_MOTION
 
 N = 5
 SEEDS = pytest.mark.parametrize("seed", range(12))

@@ -8,12 +8,12 @@ import rig
 from hypothesis import given
 from hypothesis import strategies as st
 
-from codegen.run import memory_image
-from firmware.calibration import Calibration
-from firmware.check import check_ranges
-from firmware.fixed_point import product, weighted
-from firmware.state import Ecu
-from firmware.subset import I32_MAX, I32_MIN, fields, octet, sat31, scaled, word
+from canroll.codegen.run import memory_image
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.check import check_ranges
+from canroll.firmware.fixed_point import product, weighted
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import I32_MAX, I32_MIN, fields, octet, sat31, scaled, word
 
 wide = st.integers(-(2**62), 2**62)
 words = st.integers(I32_MIN, I32_MAX)

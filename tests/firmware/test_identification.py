@@ -8,8 +8,8 @@ import pytest
 import rig
 from scipy.linalg import expm
 
-from firmware.identification import adapt_model
-from firmware.state import ACTIVE
+from canroll.firmware.identification import adapt_model
+from canroll.firmware.state import ACTIVE
 
 RATIO = 2.0**-28
 

@@ -3,10 +3,10 @@
 import numpy as np
 import rig
 
-from firmware import calibration as fw
-from firmware import ecu as loop
-from firmware.state import AGE_MAX, N_TX, Ecu
-from firmware.subset import fields
+from canroll.firmware import calibration as fw
+from canroll.firmware import ecu as loop
+from canroll.firmware.state import AGE_MAX, N_TX, Ecu
+from canroll.firmware.subset import fields
 
 
 def filled(shape, value):

@@ -5,10 +5,10 @@ import pytest
 import rig
 from scipy.integrate import solve_ivp
 
-from firmware import calibration as fw
-from firmware.control_law import control, curve
-from firmware.state import ACTIVE, INIT, RX_IMU, SAFE
-from firmware.supervisor import change_mode, fade
+from canroll.firmware import calibration as fw
+from canroll.firmware.control_law import control, curve
+from canroll.firmware.state import ACTIVE, INIT, RX_IMU, SAFE
+from canroll.firmware.supervisor import change_mode, fade
 
 Q = 1 << fw.Q_ACCELERATION
 FULL = 1 << 30

@@ -5,9 +5,9 @@ import pytest
 import rig
 from scipy.linalg import solve_discrete_are
 
-from firmware import calibration as fw
-from firmware.observer import look_ahead
-from firmware.state import ACTIVE, DEGRADED, GYRO_BIAS, LATERAL, ROLL
+from canroll.firmware import calibration as fw
+from canroll.firmware.observer import look_ahead
+from canroll.firmware.state import ACTIVE, DEGRADED, GYRO_BIAS, LATERAL, ROLL
 
 UNIT = 2.0 ** -rig.STATE_Q.astype(float)
 TICK = 0.01

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import rig
 
-from firmware.state import ACTIVE
+from canroll.firmware.state import ACTIVE
 
 BIAS = (np.radians(0.8), 0.3)
 

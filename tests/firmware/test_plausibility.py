@@ -5,9 +5,9 @@ import rig
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware import calibration as fw
-from firmware import plausibility as sv
-from firmware.state import (
+from canroll.firmware import calibration as fw
+from canroll.firmware import plausibility as sv
+from canroll.firmware.state import (
     ACTIVE,
     AGE_MAX,
     DEGRADED,
@@ -19,7 +19,7 @@ from firmware.state import (
     RX_VEHICLE_MOTION,
     SAFE,
 )
-from firmware.supervisor import supervise
+from canroll.firmware.supervisor import supervise
 
 
 def good(ecu, cal) -> None:

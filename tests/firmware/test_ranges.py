@@ -8,14 +8,14 @@ import rig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import dbc
-from firmware import calibration as fw
-from firmware import ecu as loop
-from firmware.calibration import N_RX, Calibration
-from firmware.check import check
-from firmware.com import protection, signals
-from firmware.state import RX_ACTUATOR_STATE, RX_ROLL_REFERENCE, RX_SUSPENSION_RATE, Ecu
-from firmware.subset import fields
+from canroll import dbc
+from canroll.firmware import calibration as fw
+from canroll.firmware import ecu as loop
+from canroll.firmware.calibration import N_RX, Calibration
+from canroll.firmware.check import check
+from canroll.firmware.com import protection, signals
+from canroll.firmware.state import RX_ACTUATOR_STATE, RX_ROLL_REFERENCE, RX_SUSPENSION_RATE, Ecu
+from canroll.firmware.subset import fields
 
 CALIBRATION, STATE = fields(Calibration), fields(Ecu)
 

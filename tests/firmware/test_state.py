@@ -2,10 +2,10 @@
 
 import math
 
-from codegen.run import memory_image
-from firmware.calibration import Calibration
-from firmware.state import Ecu
-from firmware.subset import fields
+from canroll.codegen.run import memory_image
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import fields
 
 WORD = 4
 

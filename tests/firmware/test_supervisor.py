@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import rig
 
-from firmware import calibration as fw
-from firmware import ecu as loop
-from firmware import plausibility as sv
-from firmware.com.signals import RX_SIGNALS
-from firmware.state import (
+from canroll.firmware import calibration as fw
+from canroll.firmware import ecu as loop
+from canroll.firmware import plausibility as sv
+from canroll.firmware.com.signals import RX_SIGNALS
+from canroll.firmware.state import (
     ACTIVE,
     DEGRADED,
     INIT,

@@ -6,10 +6,10 @@ import rig
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware import calibration as fw
-from firmware.event_trigger import HEARTBEAT, NOTHING, TRIGGERED, moved
-from firmware.plausibility import FAULT_COMMAND
-from firmware.state import ACTIVE, SAFE
+from canroll.firmware import calibration as fw
+from canroll.firmware.event_trigger import HEARTBEAT, NOTHING, TRIGGERED, moved
+from canroll.firmware.plausibility import FAULT_COMMAND
+from canroll.firmware.state import ACTIVE, SAFE
 
 EPSILON_SQUARED, FLOOR = 0.1, 60.0
 RULE = {

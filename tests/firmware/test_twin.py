@@ -5,7 +5,7 @@ import pytest
 import rig
 from twin import Twin
 
-from firmware.state import ACTIVE
+from canroll.firmware.state import ACTIVE
 
 TICK = 0.01
 DELAYED = np.array([0.0, 2000.0, 0.0, 0.0, 0.0])

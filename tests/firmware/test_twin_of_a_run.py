@@ -5,14 +5,14 @@ import pytest
 import rig
 from twin import Twin
 
+from canroll.firmware import calibration as fw
+from canroll.firmware import ecu as loop
+from canroll.firmware.com import signals
+from canroll.firmware.state import ACTIVE, RX_IMU, Ecu
 from canroll.runs import experiment
 from canroll.runs.trace import TICK
 from canroll.runs.virtual_time import closed_loop
 from canroll.setup import controller as hil_controller
-from firmware import calibration as fw
-from firmware import ecu as loop
-from firmware.com import signals
-from firmware.state import ACTIVE, RX_IMU, Ecu
 
 
 class Watched:

@@ -5,11 +5,11 @@ from fractions import Fraction
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware import schedule
-from firmware.calibration import Calibration
-from firmware.com import mailbox
-from firmware.com.signals import RX_SIGNALS
-from firmware.state import RX_SUSPENSION_RATE, Ecu
+from canroll.firmware import schedule
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.com import mailbox
+from canroll.firmware.com.signals import RX_SIGNALS
+from canroll.firmware.state import RX_SUSPENSION_RATE, Ecu
 
 
 @given(st.integers(0, 1 << 30), st.integers(1, 1 << 30))

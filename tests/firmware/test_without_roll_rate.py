@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import rig
 
-from firmware import calibration as fw
-from firmware import plausibility as sv
-from firmware.state import ACTIVE, GYRO_BIAS, ROLL, SAFE
+from canroll.firmware import calibration as fw
+from canroll.firmware import plausibility as sv
+from canroll.firmware.state import ACTIVE, GYRO_BIAS, ROLL, SAFE
 
 TICK = 0.01
 NO_ROLL_RATE = {"RollRate": 163.83}

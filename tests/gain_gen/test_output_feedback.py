@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
-from gain_gen.analysis.family import CONDITIONS, NOMINAL, family, family_of
-from gain_gen.analysis.verify import GAIN_MARGIN_DB, PEAK_SENSITIVITY
-from gain_gen.design import design
-from gain_gen.laws.state_feedback import sensor_noise
-from gain_gen.models.controller import S_LATERAL, S_RATE, S_STEERING
-from gain_gen.models.task import Delay, Task
-from gain_gen.output_feedback.central import Generalised, central_controller
-from gain_gen.output_feedback.driven_car import MOMENT_UNIT, driven_car
-from gain_gen.output_feedback.dynamic import residualised
-from gain_gen.output_feedback.hinf import hinf, to_continuous, weighted
-from gain_gen.output_feedback.law import lqg
+from canroll.gain_gen.analysis.family import CONDITIONS, NOMINAL, family, family_of
+from canroll.gain_gen.analysis.verify import GAIN_MARGIN_DB, PEAK_SENSITIVITY
+from canroll.gain_gen.design import design
+from canroll.gain_gen.laws.state_feedback import sensor_noise
+from canroll.gain_gen.models.controller import S_LATERAL, S_RATE, S_STEERING
+from canroll.gain_gen.models.task import Delay, Task
+from canroll.gain_gen.output_feedback.central import Generalised, central_controller
+from canroll.gain_gen.output_feedback.driven_car import MOMENT_UNIT, driven_car
+from canroll.gain_gen.output_feedback.dynamic import residualised
+from canroll.gain_gen.output_feedback.hinf import hinf, to_continuous, weighted
+from canroll.gain_gen.output_feedback.law import lqg
 
 LAWS = ("lqg_delay", "hinf")
 TICK = 0.01

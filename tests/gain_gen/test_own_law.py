@@ -6,22 +6,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError, VerdictError
-from gain_gen.calibration import calibration_file
-from gain_gen.calibration.freeze import calibrate
-from gain_gen.calibration.summary import summary
-from gain_gen.design import design
-from gain_gen.laws import LAWS, declared
-from gain_gen.models.task import Delay, Task
+from canroll.gain_gen.calibration import calibration_file
+from canroll.gain_gen.calibration.freeze import calibrate
+from canroll.gain_gen.calibration.summary import summary
+from canroll.gain_gen.design import design
+from canroll.gain_gen.laws import LAWS, declared
+from canroll.gain_gen.models.task import Delay, Task
 
 GAINS = [60_000.0, 9_000.0]
 PYTHON = """
 import numpy as np
 
-from gain_gen.laws.state_feedback import observer_of
-from gain_gen.models.controller import LinearController
-from gain_gen.models.task import Solution
+from canroll.gain_gen.laws.state_feedback import observer_of
+from canroll.gain_gen.models.controller import LinearController
+from canroll.gain_gen.models.task import Solution
 
 
 def law(task):
@@ -76,7 +76,7 @@ def test_a_law_takes_the_options_that_it_declares(tmp_path, monkeypatch):
     monkeypatch.setattr(LAWS, "_loaded", dict(LAWS._loaded))
     plain, sharing = PYTHON, PYTHON.replace("def law", "@declared.law(share=True)\ndef law")
     for name, text in (("plain", plain), ("sharing", sharing)):
-        (tmp_path / f"{name}.py").write_text("from gain_gen.laws import declared\n" + text)
+        (tmp_path / f"{name}.py").write_text("from canroll.gain_gen.laws import declared\n" + text)
     task = slow_bus(moment_share=0.3, unverified=True)
     with pytest.raises(CanrollError, match="--moment-share applies to steering_lead, lqg_delay"):
         design(f"{tmp_path}/plain.py:law", task)

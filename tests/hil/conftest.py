@@ -7,8 +7,8 @@ import time
 
 import pytest
 
+from canroll.hil import ecu_loop, plant_loop
 from canroll.setup import controller
-from hil import ecu_loop, plant_loop
 
 PATIENCE = 1800.0
 
@@ -81,7 +81,7 @@ def calibration():
 
 @pytest.fixture(scope="session")
 def calibration_file(tmp_path_factory):
-    from gain_gen.calibration import calibration_file as files
+    from canroll.gain_gen.calibration import calibration_file as files
 
     prepared = controller.prepare({"law": "lqr", "actuator": "suspension"})
     path = tmp_path_factory.mktemp("design") / "calibration.toml"

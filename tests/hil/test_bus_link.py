@@ -11,10 +11,10 @@ import pytest
 from canroll.cli.hil import bus_options
 from canroll.cli.main import main
 from canroll.errors import CanrollError
-from hil import bus_link, own_bus
-from hil.bus_link import EXTENDED
-from hil.hardware.bus_options import explain
-from hil.lockstep import GRANT as NOTE
+from canroll.hil import bus_link, own_bus
+from canroll.hil.bus_link import EXTENDED
+from canroll.hil.hardware.bus_options import explain
+from canroll.hil.lockstep import GRANT as NOTE
 
 
 def options(**given):

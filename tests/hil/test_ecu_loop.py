@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from e2e import p01
 
-import dbc
+from canroll import dbc
+from canroll.codegen.run.backends import PythonEcu
 from canroll.errors import CanrollError
+from canroll.firmware import calibration as fw
+from canroll.hil import ecu_loop, tick_trace
+from canroll.hil.process import Stop
+from canroll.plant_sim.world import spool
 from canroll.runs import virtual_time
 from canroll.runs.experiment import build_world, plan
-from codegen.run.backends import PythonEcu
-from firmware import calibration as fw
-from hil import ecu_loop, tick_trace
-from hil.process import Stop
-from plant_sim.world import spool
 
 PERIOD = 10_000_000
 

@@ -10,14 +10,14 @@ import can
 import cantools
 import pytest
 
+from canroll.codegen.run.backends import open_backend
 from canroll.errors import CanrollError
+from canroll.hil import ecu_loop, plant_loop, tick_trace
+from canroll.hil.bus_link import EXTENDED, CanLink
+from canroll.hil.lockstep import ACKNOWLEDGEMENT, GRANT, GrantChannel, GrantedEcu, Grants
+from canroll.hil.process import Stop
 from canroll.runs import virtual_time
 from canroll.runs.experiment import build_world, plan
-from codegen.run.backends import open_backend
-from hil import ecu_loop, plant_loop, tick_trace
-from hil.bus_link import EXTENDED, CanLink
-from hil.lockstep import ACKNOWLEDGEMENT, GRANT, GrantChannel, GrantedEcu, Grants
-from hil.process import Stop
 
 pytestmark = pytest.mark.slow
 

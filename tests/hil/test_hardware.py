@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canroll.cli.main import main
-from hil import bus_link, timing, timing_rows
-from hil.hardware import bus_options, bus_record, error_frames, interfaces
-from hil.hardware.bus_record import ENTRY, ERROR, SENT, BusRecord, RecordOrigin
-from plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE, length_of
+from canroll.hil import bus_link, timing, timing_rows
+from canroll.hil.hardware import bus_options, bus_record, error_frames, interfaces
+from canroll.hil.hardware.bus_record import ENTRY, ERROR, SENT, BusRecord, RecordOrigin
+from canroll.plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE, length_of
 
 MS = 1_000_000
 KERNEL = RecordOrigin("socketcan can0", interfaces.KERNEL, True, 500_000, True)

@@ -7,17 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import dbc
+from canroll import dbc
+from canroll.codegen.run.backends import PythonEcu
 from canroll.errors import CanrollError, VerdictError
+from canroll.firmware.com.signals import TX_IDS
+from canroll.firmware.plausibility import FAULT_OWN_IDENTIFIER_HEARD
+from canroll.hil import ecu_loop, lockstep, plant_loop, tick_trace
+from canroll.hil.bus_link import EXTENDED
+from canroll.hil.lockstep import ACKNOWLEDGEMENT, END, GRANT, GrantChannel, GrantedEcu, Grants, Note
+from canroll.hil.process import Stop
 from canroll.runs import virtual_time
 from canroll.runs.experiment import build_world, plan
-from codegen.run.backends import PythonEcu
-from firmware.com.signals import TX_IDS
-from firmware.plausibility import FAULT_OWN_IDENTIFIER_HEARD
-from hil import ecu_loop, lockstep, plant_loop, tick_trace
-from hil.bus_link import EXTENDED
-from hil.lockstep import ACKNOWLEDGEMENT, END, GRANT, GrantChannel, GrantedEcu, Grants, Note
-from hil.process import Stop
 
 PLANTS = {message.frame_id for message in dbc.load().messages}.difference(TX_IDS)
 SECONDS = 1_500_000_000

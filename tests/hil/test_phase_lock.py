@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.phase_lock import ACQUIRE, CREEP_NS, PhaseLock
+from canroll.hil.phase_lock import ACQUIRE, CREEP_NS, PhaseLock
 
 CYCLE = 10_000_000
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from canroll.hil import plant_loop
+from canroll.hil.process import Stop
 from canroll.runs.experiment import build_world, plan
-from hil import plant_loop
-from hil.process import Stop
 
 MS = 1_000_000
 

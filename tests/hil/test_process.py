@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from canroll.cli.main import main
-from hil import process
+from canroll.hil import process
 
 
 def scheduled():

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from support.slcan_adapter import SlcanAdapter, line_of
 
-from firmware.com.signals import TX_IDS
-from hil import bus_link, tick_trace
-from hil.bus_link import EXTENDED
-from hil.hardware import bus_record
+from canroll.firmware.com.signals import TX_IDS
+from canroll.hil import bus_link, tick_trace
+from canroll.hil.bus_link import EXTENDED
+from canroll.hil.hardware import bus_record
 
 pytest.importorskip("serial", reason="needs pyserial")
 

@@ -6,14 +6,14 @@ import can
 import pytest
 
 from canroll.cli.main import main
+from canroll.codegen.run.backends import Recorder, open_backend
+from canroll.codegen.run.secured import SecuredEcu
 from canroll.errors import CanrollError
+from canroll.hil import ecu_loop, tick_trace
+from canroll.hil.bus_link import CanLink
+from canroll.hil.hardware import lasting
+from canroll.plant_sim.world.world import World
 from canroll.runs.experiment import build_world, plan, world_options
-from codegen.run.backends import Recorder, open_backend
-from codegen.run.secured import SecuredEcu
-from hil import ecu_loop, tick_trace
-from hil.bus_link import CanLink
-from hil.hardware import lasting
-from plant_sim.world.world import World
 
 MS = 1_000_000
 

@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 from support.forked import real_processes
 
-import dbc
+from canroll import dbc
 from canroll.cli.main import main
-from hil import plant_record, tick_trace
-from plant_sim.can_bus import DELIVERED
+from canroll.hil import plant_record, tick_trace
+from canroll.plant_sim.can_bus import DELIVERED
 
 
 def plant(programs, *arguments, serve="127.0.0.1:0"):

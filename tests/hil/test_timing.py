@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canroll.errors import CanrollError
+from canroll.hil import budget, session, timing
+from canroll.hil.plant_record import PlantRecord
+from canroll.hil.tick_trace import FRAMES, TICKS, TickTrace
+from canroll.plant_sim.can_bus.kernel.layout import DELIVERED, log_dtype
+from canroll.plant_sim.world.recording import COMMAND
 from canroll.runs.experiment import plan
-from hil import budget, session, timing
-from hil.plant_record import PlantRecord
-from hil.tick_trace import FRAMES, TICKS, TickTrace
-from plant_sim.can_bus.kernel.layout import DELIVERED, log_dtype
-from plant_sim.world.recording import COMMAND
 
 MS = 1_000_000
 

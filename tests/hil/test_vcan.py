@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from e2e import p01
 
-import dbc
+from canroll import dbc
 from canroll.cli.main import main
-from hil import lockstep, tick_trace
-from hil.bus_link import EXTENDED
+from canroll.hil import lockstep, tick_trace
+from canroll.hil.bus_link import EXTENDED
 
 ROOT = Path(__file__).parents[2]
 VCAN_VM = ROOT / "scripts" / "vcan-vm"

@@ -8,9 +8,9 @@ import signal
 import pytest
 
 from canroll import build_cache
-from codegen.run import native
-from hil import plant_record, tick_trace, warm
-from plant_sim.kernels import jit
+from canroll.codegen.run import native
+from canroll.hil import plant_record, tick_trace, warm
+from canroll.plant_sim.kernels import jit
 
 
 def test_compilations_are_counted():

@@ -1,9 +1,9 @@
 """The background of a bus profile."""
 
-from plant_sim.buses.profile import BusProfile
-from plant_sim.can_bus.network.own_frames import own_messages
-from plant_sim.can_bus.network.profiles import routed_messages
-from plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.buses.profile import BusProfile
+from canroll.plant_sim.can_bus.network.own_frames import own_messages
+from canroll.plant_sim.can_bus.network.profiles import routed_messages
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
 
 
 def background_of(profile: BusProfile, segment: int) -> list[BusMessage]:

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from plant_sim.bodies import nonlinear_car as car
-from plant_sim.bodies import ports
-from plant_sim.bodies.parameters import build_parameters
+from canroll.plant_sim.bodies import nonlinear_car as car
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.bodies.parameters import build_parameters
+from canroll.vehicles import GRAVITY as G
+from canroll.vehicles import Vehicle
 from support.car_bodies import Array, CarBodies
-from vehicles import GRAVITY as G
-from vehicles import Vehicle
 
 STEP = 1e-30
 

@@ -5,11 +5,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from codegen.export import bundle
-from codegen.export.header import gains_header
-from codegen.generated import bus_map, signals
-from codegen.run import ecu_traffic
-from firmware.calibration import Calibration
+from canroll.codegen.export import bundle
+from canroll.codegen.export.header import gains_header
+from canroll.codegen.generated import bus_map, signals
+from canroll.codegen.run import ecu_traffic
+from canroll.firmware.calibration import Calibration
 
 
 def export(record: Calibration | None = None, **options: Any) -> bundle.Export:

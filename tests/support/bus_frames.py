@@ -7,7 +7,7 @@ import can
 from cantools.database.can import Database
 from numpy.typing import NDArray
 
-import dbc
+from canroll import dbc
 from canroll.runs.logs import write_log
 
 

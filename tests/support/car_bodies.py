@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim import bodies
-from plant_sim.bodies import nonlinear_car as car
-from plant_sim.bodies import ports
-from plant_sim.world import open_loop
-from vehicles import Vehicle
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import nonlinear_car as car
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.world import open_loop
+from canroll.vehicles import Vehicle
 
 Array = NDArray[Any]
 NOT_TURNED = (0.0, 0.0, 0.0, 0.0)

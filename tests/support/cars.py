@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from canroll.codegen.generated.bus_map import BusMap, load
 from canroll.runs import experiment
-from codegen.generated.bus_map import BusMap, load
 
 MAPS = Path(__file__).parents[2] / "examples" / "cars"
 ACTUATORS = MAPS / "actuators.dbc"

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import vehicles
+from canroll import vehicles
 from canroll.extensions.certify import checker
 from canroll.extensions.certify.claim import texts
 from canroll.extensions.certify.subject import INTEGERS, READINGS
-from gain_gen.analysis.actuated_car import actuated, roll_car
-from gain_gen.calibration.calibration_file import LoadedCalibration
+from canroll.gain_gen.analysis.actuated_car import actuated, roll_car
+from canroll.gain_gen.calibration.calibration_file import LoadedCalibration
 
 TICK, DELAY = Fraction(1, 100), (Fraction(4, 1000), Fraction(8, 1000))
 RESOLUTION = ["6000", "21000", "9000", "16000", "16000"]

@@ -6,14 +6,14 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.bodies.ports import initial_inputs
+from canroll.plant_sim.driving import maneuvers
+from canroll.plant_sim.world.open_loop import advance, run_passive
 from canroll.typing import Vector
-from plant_sim import bodies
-from plant_sim.bodies import ports
-from plant_sim.bodies.ports import initial_inputs
-from plant_sim.driving import maneuvers
-from plant_sim.world.open_loop import advance, run_passive
+from canroll.vehicles import GRAVITY, Vehicle
 from support.multi_body import STEP, Motion, light_wheel
-from vehicles import GRAVITY, Vehicle
 
 NONLINEAR = bodies.body("nonlinear")
 SUBSTEPS = 10

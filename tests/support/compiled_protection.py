@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from codegen.run import memory_image, native
-from codegen.run.bus_firmware import BusFirmware
-from firmware.calibration import Calibration
+from canroll.codegen.run import memory_image, native
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.firmware.calibration import Calibration
 
 FLAGS = ("-std=c99", "-O0", "-Wall", "-Wextra", "-Werror", "-fsanitize=undefined")
 NEVER_TRAP = ("-fno-sanitize-recover=undefined", "-shared", "-fPIC")

@@ -4,8 +4,8 @@ from math import atan, sin
 
 import numpy as np
 
-from vehicles import GRAVITY, Vehicle
-from vehicles.roll_stiffness import axle_roll_shares, suspension_roll_stiffness
+from canroll.vehicles import GRAVITY, Vehicle
+from canroll.vehicles.roll_stiffness import axle_roll_shares, suspension_roll_stiffness
 
 SLOWEST = 4.0
 """Speed (m/s) that slips are at least referred to."""

@@ -15,8 +15,8 @@ from canroll.extensions.car.identification.pieces import SAMPLE, Piece
 from canroll.extensions.car.identification.unknowns import STEERING_OFFSET, delay_key, offset_key
 from canroll.extensions.car.sizing.estimate import estimated
 from canroll.typing import Vector
-from vehicles import Vehicle
-from vehicles.check import problems
+from canroll.vehicles import Vehicle
+from canroll.vehicles.check import problems
 
 NAMES = ("yaw_rate", "lateral_acceleration", "roll_rate", "roll")
 NOISE = {"yaw_rate": 0.003, "lateral_acceleration": 0.06, "roll_rate": 0.004, "roll": 0.001}

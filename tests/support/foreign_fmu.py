@@ -7,7 +7,7 @@ from pathlib import Path
 
 import fmpy
 
-from codegen.run.native import compiler
+from canroll.codegen.run.native import compiler
 
 SOURCE = Path(__file__).with_name("foreign_vehicle.c")
 HEADERS = Path(fmpy.__file__).with_name("c-code")

@@ -21,27 +21,27 @@ import numpy as np
 import tomli_w
 from scipy.io import savemat
 
-import vehicles
+from canroll import vehicles
+from canroll.codegen.export import a2l
+from canroll.codegen.generated import bus_map, own_stage
+from canroll.codegen.run import native, stage_modules
+from canroll.dbc.keys import read_key
 from canroll.errors import CanrollError
 from canroll.extensions.campaign import campaign_file, store
 from canroll.extensions.campaign.faults import catalogue as fault_catalogue
 from canroll.extensions.exchange.fmi import plant as fmu
+from canroll.gain_gen.calibration import calibration_file
+from canroll.gain_gen.laws.custom import read_matrices
+from canroll.hil import plant_record, tick_trace
+from canroll.hil.hardware import lasting
+from canroll.plant_sim.can_bus import load_profile
+from canroll.plant_sim.can_bus.traffic.files import load_traffic
+from canroll.plant_sim.can_bus.traffic.log_playback import load_recording
+from canroll.plant_sim.driving import signal_file
+from canroll.plant_sim.faults.language import read_file as read_faults
 from canroll.runs import saved_run
 from canroll.runs.experiment import plan
 from canroll.runs.result import Run
-from codegen.export import a2l
-from codegen.generated import bus_map, own_stage
-from codegen.run import native, stage_modules
-from dbc.keys import read_key
-from gain_gen.calibration import calibration_file
-from gain_gen.laws.custom import read_matrices
-from hil import plant_record, tick_trace
-from hil.hardware import lasting
-from plant_sim.can_bus import load_profile
-from plant_sim.can_bus.traffic.files import load_traffic
-from plant_sim.can_bus.traffic.log_playback import load_recording
-from plant_sim.driving import signal_file
-from plant_sim.faults.language import read_file as read_faults
 from support import hostile_samples as samples
 
 ROOT = Path(__file__).parents[2]
@@ -197,7 +197,7 @@ FORMATS = (
     Format("stage", "stage.py", _stage, costly=True),
     Format("fmu", "van.fmu", _fmu),
     Format("fmu", "van.toml", _fmu),
-    Format("elf", "firmware.elf", a2l.addresses),
+    Format("elf", "canroll.firmware.elf", a2l.addresses),
     *(Format("log", f"log.{suffix}", _log) for suffix in LOGS),
     Format("mf4", "log.mf4", _log, costly=True),
     Format("mf4", "measurement.mf4", _measurement, costly=True),
@@ -233,7 +233,7 @@ def make_undriven(folder: Path) -> None:
     with zipfile.ZipFile(folder / "fmu" / "van.fmu", "w") as archive:
         archive.writestr("modelDescription.xml", samples.DESCRIPTION)
     if compiler := native.compiler():
-        image = ["-xc", "-", "-c", "-o", str(folder / "elf" / "firmware.elf")]
+        image = ["-xc", "-", "-c", "-o", str(folder / "elf" / "canroll.firmware.elf")]
         symbols = b"int calibration, ecu; const char canroll_epk[4];"
         subprocess.run([compiler, *image], input=symbols, check=True)
     database = cantools.database.load_file(ROOT / "dbc" / "roll_control.dbc")

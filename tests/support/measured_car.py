@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-import vehicles
+from canroll import vehicles
 from canroll.documents import toml
 from canroll.errors import CanrollError, reason
 from canroll.extensions.car.identification import agreement as of_signals
@@ -15,9 +15,9 @@ from canroll.extensions.car.identification import drive_log
 from canroll.extensions.car.identification.pieces import SAMPLE, Piece, Window, pieces
 from canroll.extensions.car.identification.unknowns import LOG, Unknown
 from canroll.typing import Vector
+from canroll.vehicles import Vehicle
 from support import measured_fit
 from support.measured_fit import Fit, steered
-from vehicles import Vehicle
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "bmw_m8"
 DRIVE = EXAMPLE / "double_lane_change.csv"

@@ -6,7 +6,7 @@ from canroll.extensions.car.identification import replay
 from canroll.extensions.car.identification.drive_log import QUANTITIES, Channel, Log, SignalChoice
 from canroll.extensions.car.identification.pieces import SAMPLE, Piece
 from canroll.typing import Vector
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 NAMES = ("yaw_rate", "lateral_acceleration", "roll_rate", "roll", "sideslip")
 

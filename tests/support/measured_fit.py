@@ -24,8 +24,8 @@ from canroll.extensions.car.identification.output_error import (
 from canroll.extensions.car.identification.pieces import Piece, Window
 from canroll.extensions.car.identification.unknowns import STEERING_OFFSET, Unknown, offset_key
 from canroll.typing import Vector
-from vehicles import Vehicle
-from vehicles.model import GRAVITY
+from canroll.vehicles import Vehicle
+from canroll.vehicles.model import GRAVITY
 
 PASSES = 4
 CORRELATED = 10.0

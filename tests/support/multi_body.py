@@ -17,9 +17,9 @@ from vehiclemodels import vehicle_dynamics_mb as published
 from vehiclemodels.init_mb import init_mb
 
 from canroll.typing import Vector
-from vehicles import GRAVITY, Vehicle
-from vehicles.model import Tyre
-from vehicles.roll_stiffness import axle_roll_shares, suspension_roll_stiffness
+from canroll.vehicles import GRAVITY, Vehicle
+from canroll.vehicles.model import Tyre
+from canroll.vehicles.roll_stiffness import axle_roll_shares, suspension_roll_stiffness
 
 STEP = 1e-3
 """Time step (s) of tables and of the classical Runge-Kutta step."""

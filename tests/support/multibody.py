@@ -14,10 +14,10 @@ from math import sqrt
 import mujoco
 import numpy as np
 
+from canroll.plant_sim.bodies import ports
 from canroll.typing import Vector
-from plant_sim.bodies import ports
+from canroll.vehicles import GRAVITY, Vehicle
 from support.corner_forces import Suspension, Tyre
-from vehicles import GRAVITY, Vehicle
 
 AXLES = ("front", "rear")
 SIDES = ("left", "right")

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 HEAD = '''"""A random program."""
 from typing import Annotated
-from firmware.subset import F, absolute, byte, clamp, i32, i64, narrow, record, rsh, sat31, sat32
-from firmware.subset import scaled, tdiv, to_i32, to_u32, u8, u32
+from canroll.firmware.subset import F, absolute, byte, clamp, i32, i64, narrow, record, rsh
+from canroll.firmware.subset import sat31, sat32, scaled, tdiv, to_i32, to_u32, u8, u32
 
 
 @record

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from codegen.run import memory_image, native
-from codegen.run.bus_firmware import BusFirmware
-from codegen.run.ecu_traffic import EcuTraffic
-from firmware.calibration import Calibration
+from canroll.codegen.run import memory_image, native
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.codegen.run.ecu_traffic import EcuTraffic
+from canroll.firmware.calibration import Calibration
 
 
 def images(*calibrations: Calibration) -> NDArray[np.void]:

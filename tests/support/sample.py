@@ -6,7 +6,7 @@ from pathlib import Path
 STATE = '''
 """Records."""
 from typing import Annotated
-from firmware.subset import F, i32, record, u8
+from canroll.firmware.subset import F, i32, record, u8
 
 N = 3
 MASK = 1 << 40
@@ -36,10 +36,10 @@ class Calibration:
 HEAD = '''
 """Sample."""
 from typing import Annotated
-from firmware.state import N, MASK, Calibration, Ecu
-from firmware.subset import to_i32, to_u32, u16, u32
-from firmware.subset import I32_MAX, byte, clamp, clear, i32, i64, narrow, octet, rsh, sat31, sat32
-from firmware.subset import scaled, tdiv, u8, word
+from canroll.firmware.state import N, MASK, Calibration, Ecu
+from canroll.firmware.subset import to_i32, to_u32, u16, u32
+from canroll.firmware.subset import I32_MAX, byte, clamp, clear, i32, i64, narrow, octet, rsh
+from canroll.firmware.subset import sat31, sat32, scaled, tdiv, u8, word
 
 TABLE: tuple[i32, ...] = (1, -2, 3)
 

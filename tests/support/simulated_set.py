@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.can_bus.network.routing import RoutedNetwork
-from plant_sim.can_bus.simulation.response_times import simulate_network
-from plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.network.routing import RoutedNetwork
+from canroll.plant_sim.can_bus.simulation.response_times import simulate_network
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
 
 
 def simulated_responses(

@@ -5,7 +5,7 @@ from typing import Any
 import isotp
 from udsoncan.connections import BaseConnection
 
-from codegen.run.services import ServedEcu
+from canroll.codegen.run.services import ServedEcu
 
 PATIENCE = 2000
 ADDRESS = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=0x7A0, rxid=0x7A8)

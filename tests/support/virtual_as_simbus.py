@@ -9,7 +9,7 @@ import io
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from plant_sim.can_bus.servers.hub import HubPort
+    from canroll.plant_sim.can_bus.servers.hub import HubPort
 
 
 class Waiting:
@@ -31,7 +31,7 @@ def pytest_sessionstart() -> None:
         import can
     from can.interfaces import virtual
 
-    from plant_sim.can_bus.servers import simbus
+    from canroll.plant_sim.can_bus.servers import simbus
 
     class Virtual(simbus.SimBus):
         def __init__(self, channel: Any = None, **options: Any) -> None:

@@ -1,10 +1,10 @@
 """The XCP slave on an emulated Cortex-M4, its instructions counted."""
 
+from canroll.codegen.run import ecu_traffic
+from canroll.codegen.run.bus_firmware import built_in, with_services
+from canroll.codegen.run.unicorn import CortexEcu
 from canroll.extensions.services.modules import xcp
 from canroll.extensions.services.running import STATE_ADDRESS, Slave
-from codegen.run import ecu_traffic
-from codegen.run.bus_firmware import built_in, with_services
-from codegen.run.unicorn import CortexEcu
 
 VALUES = 20
 

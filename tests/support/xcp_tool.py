@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from canroll.codegen.run import memory_image
+from canroll.codegen.run.services import ServedEcu
 from canroll.extensions.services.modules import xcp
 from canroll.extensions.services.running import PAGE_ADDRESS, STATE_ADDRESS
-from codegen.run import memory_image
-from codegen.run.services import ServedEcu
-from firmware.calibration import Calibration
+from canroll.firmware.calibration import Calibration
 
 PATIENCE = 200
 

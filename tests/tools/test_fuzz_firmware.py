@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from codegen.run import ecu_traffic, native
+from canroll.codegen.run import ecu_traffic, native
 from tools import fuzz_firmware as fuzzing
 
 ROOT = Path(__file__).parents[2]

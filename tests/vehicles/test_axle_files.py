@@ -2,11 +2,11 @@
 
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
-from vehicles.axles import axles
-from vehicles.roll_stiffness import suspension_roll_stiffness
-from vehicles.unladen import unladen
+from canroll.vehicles.axles import axles
+from canroll.vehicles.roll_stiffness import suspension_roll_stiffness
+from canroll.vehicles.unladen import unladen
 
 SPRING = "compression [mm], force [N]\n0, 0\n100, 2300\n130, 3050\n170, 4550\n240, 9600\n"
 DAMPER = "compression_speed [m/s], force [N]\n-1, -2000\n0, 0\n1, 1000\n"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import tomli_w
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError, UnknownNameError
 
 FOLDER = Path(vehicles.__file__).parent

@@ -2,7 +2,7 @@
 
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
-from plant_sim.bodies.parameters import build_parameters
-from vehicles import load
-from vehicles.roll_stiffness import springs_within
+from canroll.plant_sim.bodies.parameters import build_parameters
+from canroll.vehicles import load
+from canroll.vehicles.roll_stiffness import springs_within
 
 
 def test_springs_are_softened_no_more_than_needed():

@@ -5,9 +5,9 @@ from math import pi
 import numpy as np
 import pytest
 
-import vehicles
-from vehicles.roll_stiffness import suspension_roll_stiffness
-from vehicles.unladen import unladen
+from canroll import vehicles
+from canroll.vehicles.roll_stiffness import suspension_roll_stiffness
+from canroll.vehicles.unladen import unladen
 
 SEDAN = vehicles.load("sedan_320i")
 

@@ -4,8 +4,7 @@ import json
 
 import pytest
 
-import vehicles
-from canroll import run
+from canroll import run, vehicles
 from canroll.errors import CanrollError, UnknownNameError
 
 TRUCK = """

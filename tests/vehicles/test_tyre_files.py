@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
-from vehicles.axles import axles
-from vehicles.tyre_files import check_change, outside, scaled
-from vehicles.unladen import unladen
+from canroll.vehicles.axles import axles
+from canroll.vehicles.tyre_files import check_change, outside, scaled
+from canroll.vehicles.unladen import unladen
 
 TYRES = Path(__file__).parent / "tyres"
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import vehicles
-from plant_sim.bodies.tyre import KERNELS
-from vehicles.axles import TYRES, axles
-from vehicles.tyres import TyreModel
+from canroll import vehicles
+from canroll.plant_sim.bodies.tyre import KERNELS
+from canroll.vehicles.axles import TYRES, axles
+from canroll.vehicles.tyres import TyreModel
 
 TYRE = axles(vehicles.load("van_real"))[0].tyre
 LOADS = [0.3 * TYRE.static_load, TYRE.static_load, 1.6 * TYRE.static_load, 6.0 * TYRE.static_load]

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
-from vehicles import Vehicle
-from vehicles.check import MAY_BE_ZERO, SIGNED, problems
-from vehicles.draws.numbers import applied
-from vehicles.fit_spread import value_of
+from canroll.vehicles import Vehicle
+from canroll.vehicles.check import MAY_BE_ZERO, SIGNED, problems
+from canroll.vehicles.draws.numbers import applied
+from canroll.vehicles.fit_spread import value_of
 
 DRAWS = 20
 """Cars of a family. One more of them is worse than all these with probability 1/21, below 5 %."""

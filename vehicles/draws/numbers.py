@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from vehicles import Vehicle
-from vehicles.roll_stiffness import springs_within
+from canroll.vehicles import Vehicle
+from canroll.vehicles.roll_stiffness import springs_within
 
 MARGIN = 1e-3
 """Distance, relative, from what is impossible."""

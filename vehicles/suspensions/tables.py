@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from canroll.errors import CanrollError, UnknownNameError
-from vehicles.suspensions.columns import Columns, inline, read
-from vehicles.suspensions.curve import Curve, rises
+from canroll.vehicles.suspensions.columns import Columns, inline, read
+from canroll.vehicles.suspensions.curve import Curve, rises
 
 SECTION = "axles"
 AXLES = ("front", "rear")

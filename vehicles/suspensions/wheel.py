@@ -12,8 +12,8 @@ from itertools import pairwise
 from math import sqrt
 
 from canroll.errors import CanrollError
-from vehicles.suspensions.curve import Curve, rises
-from vehicles.suspensions.tables import AxleTables
+from canroll.vehicles.suspensions.curve import Curve, rises
+from canroll.vehicles.suspensions.tables import AxleTables
 
 CLOSE = 1e-5
 """Share of the largest force by which lines between points may miss a spring with a ratio."""

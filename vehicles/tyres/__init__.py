@@ -1,8 +1,8 @@
 """Tyre models by name: what one tyre does, for designs; the kernels of the plant have the same.
 
-A model is a class in :data:`vehicles.axles.TYRES`. Its ``parameters`` are what its kernel in
-:data:`plant_sim.bodies.tyre.KERNELS` reads; all else follows from that kernel by differences,
-unless the model has it in closed form.
+A model is a class in :data:`canroll.vehicles.axles.TYRES`. Its ``parameters`` are what its kernel
+in :data:`canroll.plant_sim.bodies.tyre.KERNELS` reads; all else follows from that kernel by
+differences, unless the model has it in closed form.
 
 Slips are those of the wheel over the road at its lowest line: ``slip_ratio`` (ω R − v) / v along
 the wheel, ``slip_angle`` the tangent of the slip angle, > 0 pushes left; ``camber`` the sine of the
@@ -66,9 +66,9 @@ class TyreModel(ABC):
 
         ``hand`` is 1 for a tyre on the left and -1 for one on the right.
         """
-        forces: tuple[float, float, float] = resolve_name("plant_sim.bodies.tyre:forces_of")(
-            self, load, slip_ratio, slip_angle, camber, friction, hand
-        )
+        forces: tuple[float, float, float] = resolve_name(
+            "canroll.plant_sim.bodies.tyre:forces_of"
+        )(self, load, slip_ratio, slip_angle, camber, friction, hand)
         return forces
 
     def relaxation(self, load: float) -> float | None:
@@ -109,7 +109,8 @@ class Similarity(TyreModel):
 
     Both slips are scaled by their stiffness and by the grip, their resultant goes through one
     curve, and the force points along it (Pacejka, Tire and Vehicle Dynamics, section 4.2). Of one
-    tyre: stiffnesses (N per slip, N/rad) at ``static_load`` (N); see :class:`vehicles.model.Tyre`.
+    tyre: stiffnesses (N per slip, N/rad) at ``static_load`` (N); see
+    :class:`canroll.vehicles.model.Tyre`.
     """
 
     NUMBERS: ClassVar = (

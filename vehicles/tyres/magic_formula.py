@@ -1,8 +1,8 @@
 """The Magic Formula tyre of Pacejka, versions 5.2, 6.1 and 6.2, from the coefficients of its file.
 
 The kernel reads numbers into which scaling factors and inflation pressure are multiplied, as both
-are constant in a run; :mod:`vehicles.tyres.tir` reads the file. Forces and moment are those of a
-tyre on a straight or slowly turning path: turn slip is left out, as are overturning moment and
+are constant in a run; :mod:`canroll.vehicles.tyres.tir` reads the file. Forces and moment are those
+of a tyre on a straight or slowly turning path: turn slip is left out, as are overturning moment and
 rolling resistance (the vehicle file has one).
 """
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import atan, exp, pi, sin, tan
 from typing import Any, ClassVar
 
-from vehicles.tyres import MOST_SLIP, TyreModel
+from canroll.vehicles.tyres import MOST_SLIP, TyreModel
 
 OLD = (6.0, 21.0, 52.0)
 """FITTYP of version 5.2."""

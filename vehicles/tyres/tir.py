@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from canroll.documents import text
 from canroll.errors import CanrollError, reason
-from vehicles.tyres.magic_formula import KEYS, NEEDED, NEW, OLD, POSITIVE, Coefficients
+from canroll.vehicles.tyres.magic_formula import KEYS, NEEDED, NEW, OLD, POSITIVE, Coefficients
 
 UNITS = {
     "LENGTH": ("meter", "metre", "meters", "metres", "m"),

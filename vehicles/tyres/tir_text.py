@@ -3,8 +3,8 @@
 import re
 from collections.abc import Iterator, Mapping
 
-from vehicles.tyres.magic_formula import COEFFICIENTS, SCALES
-from vehicles.tyres.tir import SIDES
+from canroll.vehicles.tyres.magic_formula import COEFFICIENTS, SCALES
+from canroll.vehicles.tyres.tir import SIDES
 
 EMPTY = """\
 [MDI_HEADER]

@@ -27,13 +27,13 @@ from canroll.extensions.campaign.space import (
     Space,
     check_correlations,
 )
+from canroll.plant_sim.bodies import own_body
+from canroll.plant_sim.buses import BUSES
+from canroll.plant_sim.driving import MANEUVERS
 from canroll.registry import Registry
 from canroll.runs.experiment import plan as plan_run
 from canroll.setup.choices import CHOICES, PASSIVE
 from canroll.studies.variation import CONDITIONS
-from plant_sim.bodies import own_body
-from plant_sim.buses import BUSES
-from plant_sim.driving import MANEUVERS
 
 SCHEMA = 1
 CHUNK = 64

@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.firmware.state import SAFE
+from canroll.plant_sim import bodies, can_bus
+from canroll.plant_sim.kernels.instants import STEP_NS
+from canroll.plant_sim.world import open_loop
+from canroll.plant_sim.world.recording import Kept
+from canroll.plant_sim.world.spool import Rows
 from canroll.runs import metrics
 from canroll.runs.experiment import drive, limit_cycle_of, maneuver_of, tick_offset_ns
 from canroll.runs.result import Run
 from canroll.runs.trace import TICK, Trace
 from canroll.setup.controller import Controller
-from firmware.state import SAFE
-from plant_sim import bodies, can_bus
-from plant_sim.kernels.instants import STEP_NS
-from plant_sim.world import open_loop
-from plant_sim.world.recording import Kept
-from plant_sim.world.spool import Rows
 
 SIDE = np.dtype([(each.key, "?" if each.fact else "f8") for each in metrics.METRICS])
 """The metrics of a run."""

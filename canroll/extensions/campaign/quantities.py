@@ -8,19 +8,19 @@ from typing import Any
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.extensions.campaign.distributions import Continuous, Distribution, is_number
 from canroll.extensions.campaign.space import Correlation
+from canroll.plant_sim.can_bus import load_profile
+from canroll.plant_sim.driving import MANEUVERS, maneuvers
+from canroll.plant_sim.faults import parse_all
 from canroll.runs import conditions
 from canroll.runs.experiment import maneuver_of
 from canroll.runs.result import Run
 from canroll.studies.variation import ROLL_MODEL, TYRES
-from plant_sim.can_bus import load_profile
-from plant_sim.driving import MANEUVERS, maneuvers
-from plant_sim.faults import parse_all
-from vehicles import Vehicle, axle_files, tyre_files
-from vehicles.check import problems
-from vehicles.draws.fitted_cars import is_positive
-from vehicles.draws.numbers import with_numbers
-from vehicles.fit_spread import value_of
-from vehicles.roll_stiffness import springs_within
+from canroll.vehicles import Vehicle, axle_files, tyre_files
+from canroll.vehicles.check import problems
+from canroll.vehicles.draws.fitted_cars import is_positive
+from canroll.vehicles.draws.numbers import with_numbers
+from canroll.vehicles.fit_spread import value_of
+from canroll.vehicles.roll_stiffness import springs_within
 
 WORDS = ("bus", "scenario")
 NUMBERS = ("speed_kmh", "speed", "phase_ms")
@@ -152,7 +152,7 @@ def is_vehicle(vehicle: Vehicle) -> bool:
 def of_fit(vehicle: Vehicle) -> tuple[dict[str, Distribution], tuple[Correlation, ...]]:
     """Return the fitted numbers of a vehicle with their distributions, and the correlations.
 
-    They are those of :func:`vehicles.draws.fitted_cars.values_at`; empty without a fit.
+    They are those of :func:`canroll.vehicles.draws.fitted_cars.values_at`; empty without a fit.
     """
     if vehicle.fit is None:
         return {}, ()

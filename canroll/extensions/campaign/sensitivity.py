@@ -11,10 +11,10 @@ from scipy.stats import rankdata, spearmanr
 from canroll.errors import CanrollError
 from canroll.extensions.campaign.plan import GOOD, CampaignPlan, Columns
 from canroll.extensions.campaign.summary import Summary, count_of, reduction, taken
+from canroll.gain_gen.analysis.family import Condition, family
+from canroll.gain_gen.calibration.dequantise import dequantise
+from canroll.gain_gen.models.task import Task
 from canroll.runs.experiment import delay_of
-from gain_gen.analysis.family import Condition, family
-from gain_gen.calibration.dequantise import dequantise
-from gain_gen.models.task import Task
 
 BINS = 20
 LEAST_BIN = 10

@@ -45,11 +45,11 @@ from canroll.extensions.certify.theorem import (
     gamma_of,
     theorems,
 )
-from firmware.calibration import Calibration
-from gain_gen.analysis.family import Member
-from gain_gen.calibration.calibration_file import LoadedCalibration
-from gain_gen.laws.rate_gain import free_peak
-from gain_gen.models.task import Task
+from canroll.firmware.calibration import Calibration
+from canroll.gain_gen.analysis.family import Member
+from canroll.gain_gen.calibration.calibration_file import LoadedCalibration
+from canroll.gain_gen.laws.rate_gain import free_peak
+from canroll.gain_gen.models.task import Task
 
 ABOUT = ("delay", "resolution", "trigger", "limited", "performance", "disturbances")
 """Entries of a claim that its name decides."""

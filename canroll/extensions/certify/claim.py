@@ -15,7 +15,7 @@ from canroll.extensions.certify.level import level_points
 from canroll.extensions.certify.limited import limited_points
 from canroll.extensions.certify.lyapunov import SLACK, LyapunovPoint, feasible, fits
 from canroll.extensions.certify.uncertain_loop import Trigger, UncertainLoop
-from gain_gen.models.roll import Matrix, zero_order_hold
+from canroll.gain_gen.models.roll import Matrix, zero_order_hold
 
 BITS = 45
 """Of the numbers that are found."""

@@ -13,10 +13,10 @@ import numpy as np
 from canroll.extensions.certify.certificate import EVERY_TICK, TRIGGER
 from canroll.extensions.certify.disturbed import LATERAL, disturbances
 from canroll.extensions.certify.subject import subject
-from gain_gen.analysis.family import Family
-from gain_gen.calibration.calibration_file import LoadedCalibration
-from gain_gen.models.roll import Matrix
-from gain_gen.models.task import Task
+from canroll.gain_gen.analysis.family import Family
+from canroll.gain_gen.calibration.calibration_file import LoadedCalibration
+from canroll.gain_gen.models.roll import Matrix
+from canroll.gain_gen.models.task import Task
 
 RELATIVE = 1e-9
 """Difference of numbers that count as the same."""

@@ -7,11 +7,11 @@ from canroll.extensions.certify.certificate import EVERY_TICK
 from canroll.extensions.certify.claim import Wish, prove
 from canroll.extensions.certify.delay_sequence import DelaySequence, closest, simulate
 from canroll.extensions.certify.subject import INTEGERS, condition_of, resolutions
-from gain_gen.analysis.family import Member
-from gain_gen.analysis.sampled_loop import spectral_radius
-from gain_gen.calibration.calibration_file import LoadedCalibration
-from gain_gen.calibration.dequantise import dequantise
-from gain_gen.models.task import Task
+from canroll.gain_gen.analysis.family import Member
+from canroll.gain_gen.analysis.sampled_loop import spectral_radius
+from canroll.gain_gen.calibration.calibration_file import LoadedCalibration
+from canroll.gain_gen.calibration.dequantise import dequantise
+from canroll.gain_gen.models.task import Task
 
 STEPS = 5
 """Of the bisection for the longest delay."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gain_gen.models.roll import Matrix, zero_order_hold
+from canroll.gain_gen.models.roll import Matrix, zero_order_hold
 
 POINTS = 65
 RANK = 5

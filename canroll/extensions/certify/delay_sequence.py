@@ -13,10 +13,10 @@ from math import ceil
 import numpy as np
 
 from canroll.extensions.certify.delay_curve import lacking
-from gain_gen.analysis.family import Member
-from gain_gen.analysis.held_plant import HeldPlant, opened
-from gain_gen.models.controller import LinearController, at_speed, step
-from gain_gen.models.roll import Matrix, zero_order_hold
+from canroll.gain_gen.analysis.family import Member
+from canroll.gain_gen.analysis.held_plant import HeldPlant, opened
+from canroll.gain_gen.models.controller import LinearController, at_speed, step
+from canroll.gain_gen.models.roll import Matrix, zero_order_hold
 
 VALUES = 5
 """Delays that are tried, from the least to the longest."""

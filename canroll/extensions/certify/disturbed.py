@@ -7,13 +7,13 @@ whatever age, is a separate input. The bank is a roll moment on the body.
 import numpy as np
 
 from canroll.extensions.certify.claim import MOMENT, READ, STEERING
-from firmware.calibration import Q_ACCELERATION, Q_SPEED, Calibration
-from firmware.schedule import schedule
-from firmware.state import RX_VEHICLE_MOTION, Ecu
-from gain_gen.analysis.family import Member
-from gain_gen.models.controller import Y_LATERAL
-from gain_gen.models.task import Task
-from vehicles import GRAVITY
+from canroll.firmware.calibration import Q_ACCELERATION, Q_SPEED, Calibration
+from canroll.firmware.schedule import schedule
+from canroll.firmware.state import RX_VEHICLE_MOTION, Ecu
+from canroll.gain_gen.analysis.family import Member
+from canroll.gain_gen.models.controller import Y_LATERAL
+from canroll.gain_gen.models.task import Task
+from canroll.vehicles import GRAVITY
 
 LATERAL = (4.0, 2.0, 1.0, 0.5, 0.25)
 """Steady lateral accelerations by steering that are tried, m/s²."""

@@ -19,8 +19,8 @@ from scipy.optimize import linprog
 from canroll.extensions.certify.lyapunov import GRANTED, LyapunovPoint, fits, solved, uncentred
 from canroll.extensions.certify.responses import Responses
 from canroll.extensions.certify.uncertain_loop import UncertainLoop
-from gain_gen.models.roll import Matrix, stationary_covariance
-from gain_gen.models.state_space import Complex
+from canroll.gain_gen.models.roll import Matrix, stationary_covariance
+from canroll.gain_gen.models.state_space import Complex
 
 PARTS = (0.1, 0.02, 0.005, 1e-3)
 """Tried 1 − decay, relative to that of the loop with the middle delays."""

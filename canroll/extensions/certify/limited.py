@@ -14,8 +14,8 @@ import numpy as np
 
 from canroll.extensions.certify.lyapunov import ROOM, SLACK, LyapunovPoint, nominal
 from canroll.extensions.certify.uncertain_loop import UncertainLoop
-from gain_gen.laws.lmi import NONNEG, SCALAR, Clock, Unknown, minimise
-from gain_gen.models.roll import Matrix
+from canroll.gain_gen.laws.lmi import NONNEG, SCALAR, Clock, Unknown, minimise
+from canroll.gain_gen.models.roll import Matrix
 
 DECAYS = (0.2, 0.05, 0.02)
 """Tried 1 − decay, relative to that of the loop with the middle delays."""

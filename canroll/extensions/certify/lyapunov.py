@@ -18,7 +18,7 @@ import numpy as np
 
 from canroll.extensions.certify.responses import balanced
 from canroll.extensions.certify.uncertain_loop import Trigger, UncertainLoop
-from gain_gen.models.roll import Matrix, stationary_covariance
+from canroll.gain_gen.models.roll import Matrix, stationary_covariance
 
 SLACK = 1e-5
 """Relative room in x'Px for what leaves the ellipsoids of the delays."""

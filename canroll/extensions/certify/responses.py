@@ -11,8 +11,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from canroll.extensions.certify.uncertain_loop import UncertainLoop
-from gain_gen.models.roll import Matrix
-from gain_gen.models.state_space import Complex
+from canroll.gain_gen.models.roll import Matrix
+from canroll.gain_gen.models.state_space import Complex
 
 FREQUENCIES = 80
 """Of the grid."""

@@ -1,8 +1,8 @@
 """The proof for the integers against that of the code: what values may be stored."""
 
 from canroll.extensions.certify import checker
-from firmware.state import Ecu
-from firmware.subset import fields
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import fields
 
 STORED = (
     *("rate_good", "acceleration_good", "x", "ahead", "compensator_x", "ring", "outputs"),
@@ -14,7 +14,7 @@ STORED = (
 def within_ranges() -> tuple[str, ...]:
     """Return the fields whose declared ranges hold every value that a claim allows to be stored.
 
-    From these ranges the proof of the code starts (:mod:`codegen.proof.prove`).
+    From these ranges the proof of the code starts (:mod:`canroll.codegen.proof.prove`).
 
     Raises:
         ValueError: a field's range does not hold them.

@@ -9,21 +9,21 @@ from typing import Any
 
 import numpy as np
 
-import firmware
+from canroll import firmware
 from canroll.errors import CanrollError
 from canroll.extensions.certify import checker
 from canroll.extensions.certify.claim import texts
 from canroll.extensions.certify.theorem import applies, roll_model
-from firmware import calibration as fw
-from firmware.calibration import Calibration
-from firmware.state import RX_ACTUATOR_STATE
-from gain_gen.analysis.family import NOMINAL, Family, Member, family_of
-from gain_gen.analysis.fitted_family import with_draws
-from gain_gen.calibration.calibration_file import LoadedCalibration
-from gain_gen.models.task import Resolution, Task
-from vehicles import Vehicle
-from vehicles.axles import axles
-from vehicles.draws.fitted_cars import draws
+from canroll.firmware import calibration as fw
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.state import RX_ACTUATOR_STATE
+from canroll.gain_gen.analysis.family import NOMINAL, Family, Member, family_of
+from canroll.gain_gen.analysis.fitted_family import with_draws
+from canroll.gain_gen.calibration.calibration_file import LoadedCalibration
+from canroll.gain_gen.models.task import Resolution, Task
+from canroll.vehicles import Vehicle
+from canroll.vehicles.axles import axles
+from canroll.vehicles.draws.fitted_cars import draws
 
 INTEGERS = (
     *("tick_us", "law", "actuator", "observer", "measurements", "identification", "event_trigger"),

@@ -15,10 +15,10 @@ from flint import fmpq
 
 from canroll.extensions.certify import checker
 from canroll.extensions.certify.claim import BITS, rational, symmetric, texts
-from firmware.calibration import OUTPUT_FEEDBACK, Q_MOMENT, Q_RATE, Calibration
-from gain_gen.laws.lmi import Clock, EventPoint, event_point
-from gain_gen.laws.roll_rate_feedback import normalised_plant
-from gain_gen.models.roll import (
+from canroll.firmware.calibration import OUTPUT_FEEDBACK, Q_MOMENT, Q_RATE, Calibration
+from canroll.gain_gen.laws.lmi import Clock, EventPoint, event_point
+from canroll.gain_gen.laws.roll_rate_feedback import normalised_plant
+from canroll.gain_gen.models.roll import (
     PERFORMANCE,
     NormalisedPlant,
     disturbance_input,
@@ -26,7 +26,7 @@ from gain_gen.models.roll import (
     normalise,
     state_matrix,
 )
-from vehicles import RollModel
+from canroll.vehicles import RollModel
 
 RAISED = (1e-5, 1e-4, 1e-3)
 """Shares by which the solver's γ² is raised, so that the inequality holds strictly."""

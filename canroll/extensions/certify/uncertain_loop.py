@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gain_gen.models.roll import Matrix
+from canroll.gain_gen.models.roll import Matrix
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,10 +15,10 @@ from canroll.extensions.exchange.fmu.variables import FLOAT64, INPUT, OUTPUT, In
 from canroll.extensions.exchange.kernels import image
 from canroll.extensions.exchange.kernels.kinds import FLOAT, ArrayKind
 from canroll.extensions.exchange.kernels.translate import Translator
-from plant_sim.bodies.ports import Body
-from plant_sim.driving.maneuvers import Maneuver
-from plant_sim.world import open_loop
-from vehicles import Vehicle
+from canroll.plant_sim.bodies.ports import Body
+from canroll.plant_sim.driving.maneuvers import Maneuver
+from canroll.plant_sim.world import open_loop
+from canroll.vehicles import Vehicle
 
 IDENTIFIER = "canroll_vehicle"
 PARTS = ("state", "inputs", "parameters", "outputs")

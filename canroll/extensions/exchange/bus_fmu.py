@@ -20,8 +20,8 @@ from canroll.extensions.exchange.fmu.variables import (
 from canroll.extensions.exchange.kernels import image
 from canroll.extensions.exchange.kernels.kinds import INT, ArrayKind, RecordKind
 from canroll.extensions.exchange.kernels.translate import Translator
-from plant_sim.can_bus import OUTCOMES, Network
-from plant_sim.can_bus.kernel import layout, queues, scheduler
+from canroll.plant_sim.can_bus import OUTCOMES, Network
+from canroll.plant_sim.can_bus.kernel import layout, queues, scheduler
 
 IDENTIFIER = "canroll_bus"
 BUFFER = 16384

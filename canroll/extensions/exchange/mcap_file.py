@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import optional
+from canroll.plant_sim.world.recording import unit
+from canroll.plant_sim.world.spool import Table, pieces
 from canroll.report.signal_files import About, Format
 from canroll.runs.logs import messages
-from plant_sim.world.recording import unit
-from plant_sim.world.spool import Table, pieces
 
 SIGNALS = "/vehicle"
 FRAMES = "/can"

@@ -21,13 +21,13 @@ from canroll.extensions.exchange.fmu.variables import (
 from canroll.extensions.exchange.kernels import image
 from canroll.extensions.exchange.kernels.kinds import FLOAT, INT, ArrayKind, RecordKind, initialiser
 from canroll.extensions.exchange.kernels.translate import Translator
-from plant_sim import can_bus
-from plant_sim.bodies.ports import Body
-from plant_sim.driving.maneuvers import Maneuver
-from plant_sim.kernels.records import to_record
-from plant_sim.nodes import actuators, codec_tables, e2e, own_sums, sensors
-from plant_sim.world import recording
-from plant_sim.world.world_kernel import Parts
+from canroll.plant_sim import can_bus
+from canroll.plant_sim.bodies.ports import Body
+from canroll.plant_sim.driving.maneuvers import Maneuver
+from canroll.plant_sim.kernels.records import to_record
+from canroll.plant_sim.nodes import actuators, codec_tables, e2e, own_sums, sensors
+from canroll.plant_sim.world import recording
+from canroll.plant_sim.world.world_kernel import Parts
 
 IDENTIFIER = "canroll_plant"
 BUFFER = 8192

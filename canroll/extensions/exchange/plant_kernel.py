@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.driving.driver import drive
+from canroll.plant_sim.kernels.instants import STEP_NS
+from canroll.plant_sim.nodes import actuator_kernel, envelope, sensor_kernel
+from canroll.plant_sim.nodes.actuator_models import act
+from canroll.plant_sim.world import recording
+from canroll.plant_sim.world.world_kernel import FOR_ACTUATOR, SENDER_STATE, row_of, sense
 from canroll.typing import Vector
-from plant_sim.bodies import ports
-from plant_sim.driving.driver import drive
-from plant_sim.kernels.instants import STEP_NS
-from plant_sim.nodes import actuator_kernel, envelope, sensor_kernel
-from plant_sim.nodes.actuator_models import act
-from plant_sim.world import recording
-from plant_sim.world.world_kernel import FOR_ACTUATOR, SENDER_STATE, row_of, sense
 
 Plant = Any
 Payload = np.ndarray

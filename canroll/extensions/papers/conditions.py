@@ -18,7 +18,7 @@ from canroll.extensions.papers.paper_table import (
 from canroll.extensions.papers.roll_loop import RollLoop, motion
 from canroll.runs.result import Result
 from canroll.typing import Vector
-from vehicles import RollModel
+from canroll.vehicles import RollModel
 
 Figures = Callable[[str], float]
 """A run: the value of each quantity of the tables by its name."""

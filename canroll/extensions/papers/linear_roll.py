@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from canroll.extensions.papers.paper_table import PaperSection, Value, digits, finite, printed
+from canroll.gain_gen.laws.declared import built_in
 from canroll.runs.experiment import plan
 from canroll.runs.result import Result
 from canroll.typing import Vector
-from gain_gen.laws.declared import built_in
 
 FAST = 3.0
 """Frequency above which neither manoeuvre nor body asks for a moment, Hz."""

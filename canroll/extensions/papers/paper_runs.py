@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from canroll.extensions.papers.paper_table import PaperRow, PaperSection
+from canroll.firmware.state import ACTIVE, DEGRADED
 from canroll.report.curves import dash as dashes
 from canroll.report.figure import DASHED, Figure, Series
 from canroll.runs.metrics import moment
 from canroll.runs.result import Result
 from canroll.runs.trace import Trace
 from canroll.studies.comparison import runs
-from firmware.state import ACTIVE, DEGRADED
-from vehicles import GRAVITY
+from canroll.vehicles import GRAVITY
 
 SETTLED = 0.3
 """Time after control began from which estimates are judged, s."""

@@ -23,14 +23,14 @@ from canroll.extensions.papers.linear_roll import chatter, design_numbers
 from canroll.extensions.papers.paper_runs import Headline, PaperCase, Recomputed, drive, plots
 from canroll.extensions.papers.paper_table import PaperRow, PaperSection, Value, printed
 from canroll.extensions.papers.roll_loop import RollLoop
+from canroll.gain_gen.analysis.delay_system import largest_delay
+from canroll.gain_gen.laws.hinf_delay import PRINTED_DELAY_GAIN
+from canroll.gain_gen.laws.roll_rate_feedback import PRINTED_NO_DELAY_GAIN
+from canroll.gain_gen.models.roll import ROLL_RATE, moment_input, state_matrix
 from canroll.report.figure import Figure
 from canroll.runs.result import Result
 from canroll.typing import Vector
-from gain_gen.analysis.delay_system import largest_delay
-from gain_gen.laws.hinf_delay import PRINTED_DELAY_GAIN
-from gain_gen.laws.roll_rate_feedback import PRINTED_NO_DELAY_GAIN
-from gain_gen.models.roll import ROLL_RATE, moment_input, state_matrix
-from vehicles import GRAVITY, RollModel, Vehicle
+from canroll.vehicles import GRAVITY, RollModel, Vehicle
 
 PAPER = "redondo2021"
 TITLE = "Redondo, Boada, Díaz 2021: H∞ with input and output delays"

@@ -6,17 +6,17 @@ from math import exp, inf
 
 import numpy as np
 
-from canroll.runs.metrics import peak, rms
-from canroll.typing import Vector
-from gain_gen.models.roll import (
+from canroll.gain_gen.models.roll import (
     Matrix,
     lateral_input,
     moment_input,
     state_matrix,
     zero_order_hold,
 )
-from plant_sim.nodes.actuator_models import semi_active_setting, span
-from vehicles import RollModel
+from canroll.plant_sim.nodes.actuator_models import semi_active_setting, span
+from canroll.runs.metrics import peak, rms
+from canroll.typing import Vector
+from canroll.vehicles import RollModel
 
 STEP = 0.001
 """Step of the simulation, s."""

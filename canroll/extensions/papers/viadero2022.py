@@ -25,13 +25,13 @@ from canroll.extensions.papers.paper_runs import Headline, PaperCase, Recomputed
 from canroll.extensions.papers.paper_table import PaperRow, PaperSection, Value, printed
 from canroll.extensions.papers.roll_loop import RollLoop
 from canroll.extensions.papers.viadero2022_certificate import NETWORK, SAMPLING
+from canroll.gain_gen.laws.hinf_event import PRINTED_EVENT_GAIN
+from canroll.gain_gen.models.roll import ROLL_RATE
+from canroll.gain_gen.models.task import EPSILON_SQUARED
 from canroll.report.figure import Figure, Series
 from canroll.runs.result import Result
 from canroll.typing import Vector
-from gain_gen.laws.hinf_event import PRINTED_EVENT_GAIN
-from gain_gen.models.roll import ROLL_RATE
-from gain_gen.models.task import EPSILON_SQUARED
-from vehicles import RollModel
+from canroll.vehicles import RollModel
 
 PAPER = "viadero2022"
 TITLE = "Viadero-Monasterio et al. 2022: event-triggered H∞"

@@ -10,19 +10,24 @@ from math import sqrt
 
 import numpy as np
 
-import vehicles
+from canroll import vehicles
 from canroll.extensions.papers.paper_table import PaperSection, Value, finite, printed
 from canroll.extensions.papers.roll_loop import RollLoop, motion
+from canroll.gain_gen.analysis.certificates import (
+    certified_level,
+    event_block,
+    event_small_gain,
+    si_plant,
+)
+from canroll.gain_gen.analysis.delay_system import h_infinity, largest_delay
+from canroll.gain_gen.laws.hinf_event import PRINTED_EVENT_GAIN
+from canroll.gain_gen.laws.lmi import Clock, fixed_lyapunov_certificate
+from canroll.gain_gen.models.roll import PERFORMANCE, ROLL_RATE, disturbance_input, moment_input
+from canroll.gain_gen.models.task import EPSILON_SQUARED
+from canroll.plant_sim.can_bus import load_profile
+from canroll.plant_sim.can_bus.bounds.delay_bounds import message_paths
 from canroll.runs.result import Result
 from canroll.typing import Vector
-from gain_gen.analysis.certificates import certified_level, event_block, event_small_gain, si_plant
-from gain_gen.analysis.delay_system import h_infinity, largest_delay
-from gain_gen.laws.hinf_event import PRINTED_EVENT_GAIN
-from gain_gen.laws.lmi import Clock, fixed_lyapunov_certificate
-from gain_gen.models.roll import PERFORMANCE, ROLL_RATE, disturbance_input, moment_input
-from gain_gen.models.task import EPSILON_SQUARED
-from plant_sim.can_bus import load_profile
-from plant_sim.can_bus.bounds.delay_bounds import message_paths
 
 PAPER = "viadero2022"
 SAMPLING = 0.020

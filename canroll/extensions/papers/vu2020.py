@@ -19,12 +19,7 @@ from canroll.extensions.papers.conditions import (
 from canroll.extensions.papers.paper_runs import Headline, PaperCase, Recomputed, drive, plots
 from canroll.extensions.papers.paper_table import PaperRow, PaperSection, PaperStep, Value, printed
 from canroll.extensions.papers.vu2020_ideal import car_of_run, ideal_law, linear_states
-from canroll.report.figure import DASHED, SOLID, Figure, Series
-from canroll.runs.metrics import peak, rms
-from canroll.runs.result import Result
-from canroll.runs.trace import Trace
-from canroll.typing import Vector
-from gain_gen.models.full_car import (
+from canroll.gain_gen.models.full_car import (
     INPUT_WEIGHT,
     ROLL,
     SPEED,
@@ -33,8 +28,13 @@ from gain_gen.models.full_car import (
     reductions,
     weights,
 )
-from vehicles import GRAVITY
-from vehicles.full_car import AS_PRINTED, REPAIRED, STATES, FullCar
+from canroll.report.figure import DASHED, SOLID, Figure, Series
+from canroll.runs.metrics import peak, rms
+from canroll.runs.result import Result
+from canroll.runs.trace import Trace
+from canroll.typing import Vector
+from canroll.vehicles import GRAVITY
+from canroll.vehicles.full_car import AS_PRINTED, REPAIRED, STATES, FullCar
 
 PAPER = "vu2020"
 TITLE = "Vu et al. 2020: LQR of electro-hydraulic anti-roll bars"

@@ -3,15 +3,15 @@
 import numpy as np
 
 from canroll.extensions.papers.paper_table import PaperSection, Value
+from canroll.gain_gen.models.full_car import INPUT_WEIGHT, ROLL, STEER, full_car_model, ideal_gain
+from canroll.gain_gen.models.roll import zero_order_hold
 from canroll.report.figure import DASHED, DOTTED, SOLID, Figure, Series
 from canroll.runs.metrics import peak, rms
 from canroll.runs.result import Result
 from canroll.typing import Vector
-from gain_gen.models.full_car import INPUT_WEIGHT, ROLL, STEER, full_car_model, ideal_gain
-from gain_gen.models.roll import zero_order_hold
-from vehicles import Vehicle
-from vehicles.full_car import FullCar, from_vehicle
-from vehicles.roll_stiffness import suspension_roll_stiffness
+from canroll.vehicles import Vehicle
+from canroll.vehicles.full_car import FullCar, from_vehicle
+from canroll.vehicles.roll_stiffness import suspension_roll_stiffness
 
 STEP = 0.001
 LAWS = ("without control", "ideal, 26 states", "compensator")

@@ -25,14 +25,14 @@ from canroll.extensions.papers.paper_runs import Headline, PaperCase, Recomputed
 from canroll.extensions.papers.paper_table import PaperRow, PaperSection, Value, printed
 from canroll.extensions.papers.roll_loop import Kalman, RollLoop
 from canroll.extensions.papers.yim2020_tyres import on_tyres
+from canroll.gain_gen.laws.state_feedback import PRINTED
+from canroll.gain_gen.laws.state_gains import lqr, yim_weights
+from canroll.gain_gen.models.roll import scaled
 from canroll.report.figure import Figure
 from canroll.runs.experiment import plan, simulate
 from canroll.runs.result import Result
 from canroll.typing import Vector
-from gain_gen.laws.state_feedback import PRINTED
-from gain_gen.laws.state_gains import lqr, yim_weights
-from gain_gen.models.roll import scaled
-from vehicles import GRAVITY, RollModel, Vehicle
+from canroll.vehicles import GRAVITY, RollModel, Vehicle
 
 PAPER = "yim2020"
 TITLE = "Yim 2020: active roll stabilisation with disturbance feedforward"

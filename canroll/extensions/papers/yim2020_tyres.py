@@ -3,13 +3,13 @@
 import numpy as np
 
 from canroll.extensions.papers.paper_table import PaperSection, Value, printed
-from gain_gen.analysis.held_plant import HeldPlant, held
-from gain_gen.laws.state_feedback import PRINTED
-from gain_gen.models.full_car import ROLL, ROLL_RATE
-from gain_gen.models.roll import Matrix
-from vehicles import Vehicle
-from vehicles.full_car import INPUTS, STATES, from_vehicle, state_matrices
-from vehicles.roll_stiffness import suspension_roll_stiffness
+from canroll.gain_gen.analysis.held_plant import HeldPlant, held
+from canroll.gain_gen.laws.state_feedback import PRINTED
+from canroll.gain_gen.models.full_car import ROLL, ROLL_RATE
+from canroll.gain_gen.models.roll import Matrix
+from canroll.vehicles import Vehicle
+from canroll.vehicles.full_car import INPUTS, STATES, from_vehicle, state_matrices
+from canroll.vehicles.roll_stiffness import suspension_roll_stiffness
 
 DELAYS_MS = (0.0, 5.0, 10.0, 20.0)
 

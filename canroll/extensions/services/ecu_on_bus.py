@@ -11,12 +11,12 @@ from functools import partial
 
 import can
 
-from codegen.generated.mailbox import EXTENDED
-from codegen.run import backends
-from codegen.run.bus_firmware import built_in, with_services
-from codegen.run.ecu_traffic import Frame
-from codegen.run.services import open_ecu
-from firmware.calibration import Calibration
+from canroll.codegen.generated.mailbox import EXTENDED
+from canroll.codegen.run import backends
+from canroll.codegen.run.bus_firmware import built_in, with_services
+from canroll.codegen.run.ecu_traffic import Frame
+from canroll.codegen.run.services import open_ecu
+from canroll.firmware.calibration import Calibration
 
 PAUSE = 0.002
 """Longest wait for a frame before the next tick, s."""

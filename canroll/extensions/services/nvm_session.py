@@ -1,12 +1,12 @@
 """What outlives a loss of power, in a bundle: its note, and its test by the reference."""
 
+from canroll.codegen.export.contents import Code, Export
+from canroll.codegen.export.sessions.session import Session
+from canroll.codegen.run import memory_image, native
+from canroll.codegen.run.ecu import EcuBackend
 from canroll.extensions.services.modules import nvm_state
 from canroll.extensions.services.running import Server
-from codegen.export.contents import Code, Export
-from codegen.export.sessions.session import Session
-from codegen.run import memory_image, native
-from codegen.run.ecu import EcuBackend
-from firmware.calibration import Calibration
+from canroll.firmware.calibration import Calibration
 
 NOTE = """
 ## Non-volatile memory

@@ -1,7 +1,7 @@
 """What the firmware is offered: the service XCP, diagnostics, and non-volatile memory."""
 
-from codegen.generated.bus_map import BusMap, frame_ident
-from codegen.run.service import Service
+from canroll.codegen.generated.bus_map import BusMap, frame_ident
+from canroll.codegen.run.service import Service
 
 ROOM = "canroll.extensions.services"
 MODULES = f"{ROOM}.modules"

@@ -4,12 +4,12 @@ The XCP tool names the records by addresses: those of the A2L of an export with 
 image is known.
 """
 
+from canroll.codegen.generated.bus_map import UdsFrames, XcpFrames, frame_ident
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.codegen.run.ecu import EcuBackend
+from canroll.codegen.run.machine import MachineRecord
 from canroll.errors import CanrollError
-from codegen.generated.bus_map import UdsFrames, XcpFrames, frame_ident
-from codegen.run.bus_firmware import BusFirmware
-from codegen.run.ecu import EcuBackend
-from codegen.run.machine import MachineRecord
-from firmware.calibration import Calibration
+from canroll.firmware.calibration import Calibration
 
 STATE_ADDRESS = 0x2000_0000
 PAGE_ADDRESS = 0x0800_0000

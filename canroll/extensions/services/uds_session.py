@@ -1,11 +1,11 @@
 """The session of UDS that a bundle with the service tests itself by."""
 
+from canroll.codegen.export.contents import Code, Export
+from canroll.codegen.export.sessions.session import REST, Session
+from canroll.codegen.run import native
+from canroll.codegen.run.ecu import EcuBackend
 from canroll.extensions.services.modules import fault_memory, uds, uds_state
 from canroll.extensions.services.running import Server, uds_idents
-from codegen.export.contents import Code, Export
-from codegen.export.sessions.session import REST, Session
-from codegen.run import native
-from codegen.run.ecu import EcuBackend
 
 NOTE = """
 ## Diagnostics

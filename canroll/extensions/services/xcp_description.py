@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator
 
+from canroll.codegen.export.a2l_xcp import Slave
 from canroll.extensions.services.modules import xcp_state
 from canroll.extensions.services.running import PAGE_ADDRESS, STATE_ADDRESS
-from codegen.export.a2l_xcp import Slave
 
 PAGE_ACCESS = "ECU_ACCESS_DONT_CARE XCP_READ_ACCESS_DONT_CARE"
 

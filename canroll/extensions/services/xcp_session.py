@@ -4,13 +4,13 @@ import struct
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from canroll.codegen.export.contents import Code, Export
+from canroll.codegen.export.sessions.session import REST, Session
+from canroll.codegen.run import memory_image, native
+from canroll.codegen.run.ecu import EcuBackend
 from canroll.extensions.services.modules import xcp
 from canroll.extensions.services.running import PAGE_ADDRESS, STATE_ADDRESS, Slave, xcp_idents
-from codegen.export.contents import Code, Export
-from codegen.export.sessions.session import REST, Session
-from codegen.run import memory_image, native
-from codegen.run.ecu import EcuBackend
-from firmware.limits import LAST_BYTE
+from canroll.firmware.limits import LAST_BYTE
 
 WAIT = 100
 """Ticks after a command that starts a job."""

@@ -1,12 +1,12 @@
 """Authenticated frames in a bundle: the key's file, the example's calls, and a test by itself."""
 
-from codegen.export.sessions.session import Session
-from codegen.run import native
-from codegen.run.bus_firmware import BusFirmware
-from codegen.run.secured import LISTENING_US, SecocModule
-from dbc.keys import DEVELOPMENT_KEY
-from firmware.calibration import Calibration
-from firmware.security.secoc_state import MAC_AT, PAYLOAD, SECURED
+from canroll.codegen.export.sessions.session import Session
+from canroll.codegen.run import native
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.codegen.run.secured import LISTENING_US, SecocModule
+from canroll.dbc.keys import DEVELOPMENT_KEY
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.security.secoc_state import MAC_AT, PAYLOAD, SECURED
 
 NOTE = """
 ## Authenticated frames

@@ -1,8 +1,9 @@
 """A golden session: calls of the firmware with what the reference gave, written as C.
 
-A :class:`Session` is a machine of :mod:`codegen.run.machine`, so whatever drives the firmware
-drives it. It passes all on to the reference's machine and keeps every call, every change of a
-record and every comparison that is asked for. ``templates/test_session.c`` runs what it writes.
+A :class:`Session` is a machine of :mod:`canroll.codegen.run.machine`, so whatever drives the
+firmware drives it. It passes all on to the reference's machine and keeps every call, every change
+of a record and every comparison that is asked for. ``templates/test_session.c`` runs what it
+writes.
 """
 
 import re
@@ -15,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from codegen.c99 import record_name
-from codegen.c99.text import filled
-from codegen.run import memory_image
-from codegen.run.bus_firmware import BusFirmware
-from codegen.run.machine import Machine, MachineRecord, c_name
-from firmware.calibration import Calibration
-from firmware.subset import fields
+from canroll.codegen.c99 import record_name
+from canroll.codegen.c99.text import filled
+from canroll.codegen.run import memory_image
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.codegen.run.machine import Machine, MachineRecord, c_name
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.subset import fields
 
 WORD = 4
 BYTES = tuple(f"{byte}," for byte in range(256))
@@ -159,7 +160,7 @@ class Session:
         return self.records[name]
 
     def call(self, function: str, *arguments: Any) -> int:  # noqa: ANN401
-        """Call a function; see :meth:`codegen.run.machine.Machine.call`."""
+        """Call a function; see :meth:`canroll.codegen.run.machine.Machine.call`."""
         passed = [each.record if isinstance(each, SessionRecord) else each for each in arguments]
         words: list[str] = []
         numbers: list[int] = []

@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
+from canroll.plant_sim.bodies import roll
+from canroll.plant_sim.bodies.ports import Body
+from canroll.plant_sim.kernels.jit import STEP_SIGNATURE, cfunc
 from canroll.typing import Vector
-from plant_sim.bodies import roll
-from plant_sim.bodies.ports import Body
-from plant_sim.kernels.jit import STEP_SIGNATURE, cfunc
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 ROOF_LOAD = 150.0
 """Part of the load that is stowed on the roof, kg; the car's mass stays."""

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from gain_gen.laws.state_feedback import actuator_rate, feedforward_row, observer_of
-from gain_gen.models.controller import LinearController
-from gain_gen.models.task import Solution, Task
+from canroll.gain_gen.laws.state_feedback import actuator_rate, feedforward_row, observer_of
+from canroll.gain_gen.models.controller import LinearController
+from canroll.gain_gen.models.task import Solution, Task
 
 DAMPING_RATIO = 0.7
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from plant_sim.driving.drive import ManeuverKind, ManeuverPlan, steady_steer
-from plant_sim.driving.driver import STEER_TABLE
-from vehicles import Vehicle
+from canroll.plant_sim.driving.drive import ManeuverKind, ManeuverPlan, steady_steer
+from canroll.plant_sim.driving.driver import STEER_TABLE
+from canroll.vehicles import Vehicle
 
 TABLE_STEP = 1e-3
 

@@ -13,9 +13,9 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from plant_sim.can_bus.bounds.demand import Demand, MessageDemand, task_of, with_offsets
-from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.can_bus.wire.frame import transmission_ns
+from canroll.plant_sim.can_bus.bounds.demand import Demand, MessageDemand, task_of, with_offsets
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.wire.frame import transmission_ns
 
 ERROR_OVERHEAD_BITS: Final = 31
 """Longest error frame with interframe space and suspend transmission: 12 + 8 + 3 + 8 bits."""

@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from canroll.errors import CanrollError, VerdictError
-from plant_sim.buses.profile import BusProfile
-from plant_sim.buses.topology import NODES, Topology
-from plant_sim.can_bus.bounds.analysis import ErrorModel, ResponseBound
-from plant_sim.can_bus.bounds.holistic import HolisticArrival, arrivals
-from plant_sim.can_bus.network.own_frames import DEFAULT_COMMAND, own_messages
-from plant_sim.can_bus.network.profiles import routed_messages
-from plant_sim.can_bus.network.routing import RoutedMessage, RoutedNetwork
-from plant_sim.kernels.instants import MS
+from canroll.plant_sim.buses.profile import BusProfile
+from canroll.plant_sim.buses.topology import NODES, Topology
+from canroll.plant_sim.can_bus.bounds.analysis import ErrorModel, ResponseBound
+from canroll.plant_sim.can_bus.bounds.holistic import HolisticArrival, arrivals
+from canroll.plant_sim.can_bus.network.own_frames import DEFAULT_COMMAND, own_messages
+from canroll.plant_sim.can_bus.network.profiles import routed_messages
+from canroll.plant_sim.can_bus.network.routing import RoutedMessage, RoutedNetwork
+from canroll.plant_sim.kernels.instants import MS
 
 _NS: Final = 1e-9
 

@@ -8,7 +8,7 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
 
 _MOST_RELEASES: Final = 4000
 """Releases of one node in its hyperperiod; with more, its offsets are ignored."""

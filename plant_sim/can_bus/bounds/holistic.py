@@ -12,10 +12,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from plant_sim.buses.topology import Topology
-from plant_sim.can_bus.bounds.analysis import OVERLOADED, ErrorModel, ResponseBound, response_bounds
-from plant_sim.can_bus.network.routing import Hop, RoutedMessage, RoutedNetwork
-from plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.buses.topology import Topology
+from canroll.plant_sim.can_bus.bounds.analysis import (
+    OVERLOADED,
+    ErrorModel,
+    ResponseBound,
+    response_bounds,
+)
+from canroll.plant_sim.can_bus.network.routing import Hop, RoutedMessage, RoutedNetwork
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
 
 _MOST_WAITING_NS: Final = 10**9
 """Jitter that grows by more than this through waiting is treated as unlimited, ns: FIFO queues on

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from plant_sim.can_bus.bounds.analysis import ErrorModel, ResponseBound, response_bounds
-from plant_sim.can_bus.traffic.inference import InferredBus, InferredMessage
-from plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.bounds.analysis import ErrorModel, ResponseBound, response_bounds
+from canroll.plant_sim.can_bus.traffic.inference import InferredBus, InferredMessage
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.can_bus.kernel.layout import (
+from canroll.plant_sim.can_bus.kernel.layout import (
     DISTANT,
     MAX_SOURCES,
     RELEASES,
@@ -22,7 +22,7 @@ from plant_sim.can_bus.kernel.layout import (
     WAITING,
     State,
 )
-from plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.jit import njit
 
 _SHIFT: Final = 17
 """A slot is 2¹⁷ ns, about one frame long."""

@@ -16,7 +16,7 @@ others have accepted the frame and receive it twice, or the one never receives i
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.can_bus.kernel.layout import (
+from canroll.plant_sim.can_bus.kernel.layout import (
     ACKNOWLEDGE_ERROR,
     ARBITRATION_LOST,
     BIT_ERROR,
@@ -38,10 +38,10 @@ from plant_sim.can_bus.kernel.layout import (
     STUFF_ERROR,
     State,
 )
-from plant_sim.can_bus.kernel.ledger import finish
-from plant_sim.can_bus.kernel.queues import fault_active, offer
-from plant_sim.can_bus.wire.bits import wire_bits
-from plant_sim.can_bus.wire.frame import (
+from canroll.plant_sim.can_bus.kernel.ledger import finish
+from canroll.plant_sim.can_bus.kernel.queues import fault_active, offer
+from canroll.plant_sim.can_bus.wire.bits import wire_bits
+from canroll.plant_sim.can_bus.wire.frame import (
     ERROR_DELIMITER_BITS,
     ERROR_FLAG_BITS,
     EXTENDED,
@@ -49,8 +49,8 @@ from plant_sim.can_bus.wire.frame import (
     TRAILER_BITS,
     duration_ns,
 )
-from plant_sim.kernels.jit import njit
-from plant_sim.kernels.random import Stream, uniform
+from canroll.plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.random import Stream, uniform
 
 _EQUAL_BITS = 6
 """So many equal bits in a row break the stuffing rule."""

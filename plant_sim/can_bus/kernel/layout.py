@@ -5,9 +5,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.can_bus.kernel import log as records
-from plant_sim.can_bus.kernel.log import log_dtype
-from plant_sim.kernels.jit import njit
+from canroll.plant_sim.can_bus.kernel import log as records
+from canroll.plant_sim.can_bus.kernel.log import log_dtype
+from canroll.plant_sim.kernels.jit import njit
 
 Records = NDArray[Any]
 

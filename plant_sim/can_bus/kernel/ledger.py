@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plant_sim.can_bus.kernel import layout
-from plant_sim.can_bus.kernel.layout import (
+from canroll.plant_sim.can_bus.kernel import layout
+from canroll.plant_sim.can_bus.kernel.layout import (
     DELIVERED,
     FREE_FRAME,
     LOG_PLACE,
@@ -17,7 +17,7 @@ from plant_sim.can_bus.kernel.layout import (
     Network,
     State,
 )
-from plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.jit import njit
 
 
 @njit

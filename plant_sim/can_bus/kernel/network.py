@@ -7,12 +7,12 @@ from typing import Final
 import numpy as np
 
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.buses.topology import BITRATES, DATA_BITRATE_MAX, PUNCTUAL, TimeSpread
-from plant_sim.can_bus.kernel import layout
-from plant_sim.can_bus.kernel.layout import Network, Records
-from plant_sim.can_bus.kernel.sources import start_source
-from plant_sim.can_bus.wire.frame import EXTENDED, FD, arbitration_key
-from plant_sim.kernels.instants import NEVER
+from canroll.plant_sim.buses.topology import BITRATES, DATA_BITRATE_MAX, PUNCTUAL, TimeSpread
+from canroll.plant_sim.can_bus.kernel import layout
+from canroll.plant_sim.can_bus.kernel.layout import Network, Records
+from canroll.plant_sim.can_bus.kernel.sources import start_source
+from canroll.plant_sim.can_bus.wire.frame import EXTENDED, FD, arbitration_key
+from canroll.plant_sim.kernels.instants import NEVER
 
 POLICIES: Final = {"priority": layout.PRIORITY, "fifo": layout.FIFO, "replace": layout.REPLACE}
 FAULTS: Final = {

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.can_bus.kernel.calendar import push, schedule
-from plant_sim.can_bus.kernel.layout import (
+from canroll.plant_sim.can_bus.kernel.calendar import push, schedule
+from canroll.plant_sim.can_bus.kernel.layout import (
     BUS_OFF,
     FAULT_COUNT,
     FIFO,
@@ -33,10 +33,10 @@ from plant_sim.can_bus.kernel.layout import (
     Network,
     State,
 )
-from plant_sim.can_bus.kernel.ledger import finish
-from plant_sim.can_bus.wire.frame import REMOTE, arbitration_key
-from plant_sim.kernels.jit import njit
-from plant_sim.kernels.random import Stream, uniform
+from canroll.plant_sim.can_bus.kernel.ledger import finish
+from canroll.plant_sim.can_bus.wire.frame import REMOTE, arbitration_key
+from canroll.plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.random import Stream, uniform
 
 Drawn = Any
 """Record of a gateway or a node, with the fields of a distribution."""

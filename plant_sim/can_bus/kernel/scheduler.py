@@ -6,8 +6,8 @@ transmission is never preempted. Identifiers decide bit by bit: the lowest of al
 queued when the bus is free wins.
 """
 
-from plant_sim.can_bus.kernel.calendar import pop, take
-from plant_sim.can_bus.kernel.error_confinement import (
+from canroll.plant_sim.can_bus.kernel.calendar import pop, take
+from canroll.plant_sim.can_bus.kernel.error_confinement import (
     acknowledged,
     bit_error,
     count_error,
@@ -24,7 +24,7 @@ from plant_sim.can_bus.kernel.error_confinement import (
     refusing_receiver,
     scripted_error,
 )
-from plant_sim.can_bus.kernel.layout import (
+from canroll.plant_sim.can_bus.kernel.layout import (
     ACKNOWLEDGE_ERROR,
     ARBITRATION_LOST,
     BIT_ERROR,
@@ -53,10 +53,10 @@ from plant_sim.can_bus.kernel.layout import (
     Network,
     State,
 )
-from plant_sim.can_bus.kernel.ledger import finish, write_log
-from plant_sim.can_bus.kernel.queues import fault_active, offer, release
-from plant_sim.can_bus.kernel.sources import forward, generate
-from plant_sim.can_bus.wire.frame import (
+from canroll.plant_sim.can_bus.kernel.ledger import finish, write_log
+from canroll.plant_sim.can_bus.kernel.queues import fault_active, offer, release
+from canroll.plant_sim.can_bus.kernel.sources import forward, generate
+from canroll.plant_sim.can_bus.wire.frame import (
     ERROR_FLAG,
     ERROR_STATE,
     FD,
@@ -69,8 +69,8 @@ from plant_sim.can_bus.wire.frame import (
     duration_ns,
     frame_bits,
 )
-from plant_sim.kernels.instants import NEVER
-from plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.instants import NEVER
+from canroll.plant_sim.kernels.jit import njit
 
 _END, _RELEASE, _ARBITRATION = 0, 1, 2
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from plant_sim.can_bus.kernel.calendar import schedule
-from plant_sim.can_bus.kernel.layout import GATEWAY_COUNT, NOW, SEED, Network, State
-from plant_sim.can_bus.kernel.queues import draw, hears, message_of, release, store
-from plant_sim.kernels.jit import njit
-from plant_sim.kernels.random import Stream, random_bits, uniform
+from canroll.plant_sim.can_bus.kernel.calendar import schedule
+from canroll.plant_sim.can_bus.kernel.layout import GATEWAY_COUNT, NOW, SEED, Network, State
+from canroll.plant_sim.can_bus.kernel.queues import draw, hears, message_of, release, store
+from canroll.plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.random import Stream, random_bits, uniform
 
 
 @njit

@@ -11,8 +11,8 @@ from typing import Final
 
 import can
 
-from plant_sim.can_bus.logs.lines import Line, LineError, Numbered, parsed
-from plant_sim.can_bus.logs.remarks import Remarks
+from canroll.plant_sim.can_bus.logs.lines import Line, LineError, Numbered, parsed
+from canroll.plant_sim.can_bus.logs.remarks import Remarks
 
 _BASE: Final = re.compile(
     r"base\s+(hex|dec)(?:\s+timestamps\s+(?P<times>absolute|relative))?", re.IGNORECASE

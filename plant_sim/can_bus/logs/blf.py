@@ -16,8 +16,8 @@ import can
 from can.io import blf
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus.logs.lines import Numbered, reader_warnings
-from plant_sim.can_bus.logs.remarks import Remarks
+from canroll.plant_sim.can_bus.logs.lines import Numbered, reader_warnings
+from canroll.plant_sim.can_bus.logs.remarks import Remarks
 
 _FRAMES: Final = (
     *(blf.CAN_MESSAGE, blf.CAN_MESSAGE2, blf.CAN_ERROR_EXT),

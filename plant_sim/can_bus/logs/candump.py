@@ -12,8 +12,8 @@ from typing import Final
 import can
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus.logs.lines import Line, LineError, Numbered
-from plant_sim.can_bus.logs.remarks import Remarks
+from canroll.plant_sim.can_bus.logs.lines import Line, LineError, Numbered
+from canroll.plant_sim.can_bus.logs.remarks import Remarks
 
 _LOGGED: Final = re.compile(
     r"\((?P<time>[^)]*)\)\s+(?P<channel>\S+)\s+(?P<ident>[0-9A-Fa-f]{1,8})#(?P<frame>\S*)"

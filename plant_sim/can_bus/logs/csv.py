@@ -9,8 +9,8 @@ from typing import Final
 import can
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus.logs.lines import Line, LineError, Numbered, parsed
-from plant_sim.can_bus.logs.remarks import Remarks
+from canroll.plant_sim.can_bus.logs.lines import Line, LineError, Numbered, parsed
+from canroll.plant_sim.can_bus.logs.remarks import Remarks
 
 _OURS: Final = ("timestamp", "arbitration_id", "extended", "remote", "error", "dlc", "data")
 _NEEDED: Final = ("time stamp", "id", "len")

@@ -9,9 +9,9 @@ import can
 
 from canroll import documents
 from canroll.errors import CanrollError, MissingExtraError
-from plant_sim.can_bus.kernel.layout import MAX_PAYLOAD
-from plant_sim.can_bus.logs.lines import Numbered
-from plant_sim.can_bus.logs.remarks import Remarks
+from canroll.plant_sim.can_bus.kernel.layout import MAX_PAYLOAD
+from canroll.plant_sim.can_bus.logs.lines import Numbered
+from canroll.plant_sim.can_bus.logs.remarks import Remarks
 
 _FIELDS: Final = (
     *("timestamp", "arbitration_id", "is_extended_id", "is_remote_frame", "is_error_frame"),

@@ -1,7 +1,7 @@
 """Remarks of a reader: what it left out of a log and where, one line for each reason."""
 
-from plant_sim.can_bus.logs.lines import Numbered
-from plant_sim.can_bus.wire.frame import FD_LENGTHS
+from canroll.plant_sim.can_bus.logs.lines import Numbered
+from canroll.plant_sim.can_bus.wire.frame import FD_LENGTHS
 
 _MOST_CLASSIC = 8
 _STANDARD = 0x7FF

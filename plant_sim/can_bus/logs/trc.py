@@ -13,8 +13,8 @@ import can
 from can.util import dlc2len
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus.logs.lines import Line, LineError, Numbered, parsed
-from plant_sim.can_bus.logs.remarks import Remarks
+from canroll.plant_sim.can_bus.logs.lines import Line, LineError, Numbered, parsed
+from canroll.plant_sim.can_bus.logs.remarks import Remarks
 
 _VERSION: Final = re.compile(r";\$FILEVERSION=\s*(\S+)")
 _COLUMNS: Final = re.compile(r";\$COLUMNS=\s*(\S+)")

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 from canroll import documents
+from canroll.dbc.reader import Files, each, paths_of
 from canroll.errors import CanrollError, UnknownNameError, reason
-from dbc.reader import Files, each, paths_of
-from plant_sim import buses
-from plant_sim.buses.profile import BusProfile, accept
-from plant_sim.buses.topology import (
+from canroll.plant_sim import buses
+from canroll.plant_sim.buses.profile import BusProfile, accept
+from canroll.plant_sim.buses.topology import (
     NODES,
     BusGateway,
     BusSegment,
@@ -22,8 +22,8 @@ from plant_sim.buses.topology import (
     Topology,
     check_times,
 )
-from plant_sim.can_bus.traffic.files import DATABASES, load_traffic
-from plant_sim.kernels.instants import MS
+from canroll.plant_sim.can_bus.traffic.files import DATABASES, load_traffic
+from canroll.plant_sim.kernels.instants import MS
 
 _Kind: TypeAlias = type | tuple[type, ...]
 _OF_A_SEGMENT: Final = {
@@ -65,7 +65,7 @@ def load_profile(
     """Return the bus profile ``name``, or the network in the file of that name.
 
     Args:
-        name: of a profile or of a file: see :data:`plant_sim.buses.BUSES`.
+        name: of a profile or of a file: see :data:`canroll.plant_sim.buses.BUSES`.
         dbc: frames that carry our signals, in a file or several, instead of the profile's own.
         map_file: says which signal of ``dbc`` is which field.
 

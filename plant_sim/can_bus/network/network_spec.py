@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 
-from plant_sim.can_bus.kernel.network import (
+from canroll.plant_sim.can_bus.kernel.network import (
     MAX_CAPACITY,
     Gateway,
     NetworkSpec,
     Node,
     Segment,
 )
-from plant_sim.can_bus.network.routing import Hop, RoutedMessage, RoutedNetwork
+from canroll.plant_sim.can_bus.network.routing import Hop, RoutedMessage, RoutedNetwork
 
 
 def network_spec(

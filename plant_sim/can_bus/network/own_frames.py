@@ -8,22 +8,22 @@ from typing import Final
 
 from cantools.database import Signal
 
-import dbc
+from canroll import dbc
+from canroll.codegen.generated.bus_map import BusMap, frame_ident, load
+from canroll.codegen.generated.mailbox import EXTENDED as EXTENDED_IDENT
+from canroll.codegen.generated.mailbox import Mailbox
+from canroll.dbc.reader import Files, file_names, network
 from canroll.errors import CanrollError, UnknownNameError
-from codegen.generated.bus_map import BusMap, frame_ident, load
-from codegen.generated.mailbox import EXTENDED as EXTENDED_IDENT
-from codegen.generated.mailbox import Mailbox
-from dbc.reader import Files, file_names, network
-from plant_sim.buses.profile import BusProfile
-from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.can_bus.wire.frame import (
+from canroll.plant_sim.buses.profile import BusProfile
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.wire.frame import (
     BIT_RATE_SWITCH,
     EXTENDED,
     FD,
     best_case_bits,
     transmission_ns,
 )
-from plant_sim.kernels.instants import MS
+from canroll.plant_sim.kernels.instants import MS
 
 DEFAULT_COMMAND: Final = "SuspensionForceCommand"
 CONTRACT_MAP: Final = dbc.PATH.with_suffix(".toml")

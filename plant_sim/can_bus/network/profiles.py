@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeGuard
 
-from plant_sim.buses.profile import BusProfile
-from plant_sim.buses.topology import NODES, PUNCTUAL
-from plant_sim.can_bus.kernel.layout import Network
-from plant_sim.can_bus.kernel.network import (
+from canroll.plant_sim.buses.profile import BusProfile
+from canroll.plant_sim.buses.topology import NODES, PUNCTUAL
+from canroll.plant_sim.can_bus.kernel.layout import Network
+from canroll.plant_sim.can_bus.kernel.network import (
     MAX_CAPACITY,
     BusFault,
     NetworkSpec,
@@ -15,22 +15,22 @@ from plant_sim.can_bus.kernel.network import (
     add_node,
     build_network,
 )
-from plant_sim.can_bus.network.network_spec import network_spec
-from plant_sim.can_bus.network.own_frames import (
+from canroll.plant_sim.can_bus.network.network_spec import network_spec
+from canroll.plant_sim.can_bus.network.own_frames import (
     DEFAULT_COMMAND,
     frame_names,
     measurement_messages,
     messages_of,
     own_messages,
 )
-from plant_sim.can_bus.network.routing import RoutedMessage, RoutedNetwork, route
-from plant_sim.can_bus.traffic.background import background_messages
-from plant_sim.can_bus.traffic.files import load_traffic
-from plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.network.routing import RoutedMessage, RoutedNetwork, route
+from canroll.plant_sim.can_bus.traffic.background import background_messages
+from canroll.plant_sim.can_bus.traffic.files import load_traffic
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
 
 if TYPE_CHECKING:
-    from plant_sim.can_bus.network.recorded_profile import RecordedProfile
-    from plant_sim.can_bus.traffic.looped import LoopedTraffic
+    from canroll.plant_sim.can_bus.network.recorded_profile import RecordedProfile
+    from canroll.plant_sim.can_bus.traffic.looped import LoopedTraffic
 
 ECU, IMU, CHASSIS, SUSPENSION, ACTUATOR, REFERENCE = range(len(NODES))
 """Numbers of ``NODES`` on every network."""
@@ -115,7 +115,7 @@ def profile_spec(
     """Return the description of a bus profile's network; its nodes 0 to 5 are ``NODES``.
 
     Args:
-        profile: of ``plant_sim.buses.load_profile``.
+        profile: of ``canroll.plant_sim.buses.load_profile``.
         seed: seeds background payloads and offsets, gateway latencies and bit errors.
         command: the actuator command message in use.
         background: False leaves the bus to the own messages. The frames of a recorded bus are no

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from canroll.errors import CanrollError
-from plant_sim.buses.profile import BusProfile
-from plant_sim.can_bus.kernel.layout import Network
-from plant_sim.can_bus.traffic.added_messages import missing_from
-from plant_sim.can_bus.traffic.inference import InferredBus, infer_buses
-from plant_sim.can_bus.traffic.log_name import log_name
-from plant_sim.can_bus.traffic.looped import LoopedFrames, LoopedTraffic, loop_of
-from plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.buses.profile import BusProfile
+from canroll.plant_sim.can_bus.kernel.layout import Network
+from canroll.plant_sim.can_bus.traffic.added_messages import missing_from
+from canroll.plant_sim.can_bus.traffic.inference import InferredBus, infer_buses
+from canroll.plant_sim.can_bus.traffic.log_name import log_name
+from canroll.plant_sim.can_bus.traffic.looped import LoopedFrames, LoopedTraffic, loop_of
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.buses.topology import NODES, BusGateway, BusSegment, Topology
-from plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.buses.topology import NODES, BusGateway, BusSegment, Topology
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
 
 
 class Hop(NamedTuple):

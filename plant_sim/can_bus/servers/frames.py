@@ -5,10 +5,10 @@ from typing import Any
 import can
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus.kernel.network import check_frame
-from plant_sim.can_bus.servers.hub import PortFrame
-from plant_sim.can_bus.traffic.log_reader import flags_of
-from plant_sim.can_bus.wire.frame import (
+from canroll.plant_sim.can_bus.kernel.network import check_frame
+from canroll.plant_sim.can_bus.servers.hub import PortFrame
+from canroll.plant_sim.can_bus.traffic.log_reader import flags_of
+from canroll.plant_sim.can_bus.wire.frame import (
     BIT_RATE_SWITCH,
     ERROR_FLAG,
     ERROR_STATE,

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from plant_sim.can_bus.kernel.layout import (
+from canroll.plant_sim.can_bus.kernel.layout import (
     BUS_OFF,
     DELIVERED,
     ERROR,
@@ -27,11 +27,11 @@ from plant_sim.can_bus.kernel.layout import (
     RELEASES,
     Network,
 )
-from plant_sim.can_bus.kernel.network import POLICIES, Node, add_node
-from plant_sim.can_bus.kernel.queues import enqueue
-from plant_sim.can_bus.kernel.scheduler import advance, advance_to_entry, next_event_ns
-from plant_sim.can_bus.wire.frame import ERROR_FLAG, ERROR_FRAME_BITS, ERROR_STATE, FD
-from plant_sim.kernels.instants import NEVER
+from canroll.plant_sim.can_bus.kernel.network import POLICIES, Node, add_node
+from canroll.plant_sim.can_bus.kernel.queues import enqueue
+from canroll.plant_sim.can_bus.kernel.scheduler import advance, advance_to_entry, next_event_ns
+from canroll.plant_sim.can_bus.wire.frame import ERROR_FLAG, ERROR_FRAME_BITS, ERROR_STATE, FD
+from canroll.plant_sim.kernels.instants import NEVER
 
 RECEIVE_QUEUE: Final = 1 << 16
 TRANSMIT_QUEUE: Final = 256

@@ -33,17 +33,17 @@ import can
 from can.typechecking import AutoDetectedConfig
 
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.can_bus.kernel.layout import BUS_OFF, ERROR_PASSIVE
-from plant_sim.can_bus.kernel.network import (
+from canroll.plant_sim.can_bus.kernel.layout import BUS_OFF, ERROR_PASSIVE
+from canroll.plant_sim.can_bus.kernel.network import (
     NetworkSpec,
     Node,
     Segment,
     build_network,
 )
-from plant_sim.can_bus.servers.frames import message_of, sent_flags, truth
-from plant_sim.can_bus.servers.hub import Hub, HubError, HubPort, QueueFullError
-from plant_sim.can_bus.simulation.response_times import traffic_spec
-from plant_sim.can_bus.traffic.files import load_traffic
+from canroll.plant_sim.can_bus.servers.frames import message_of, sent_flags, truth
+from canroll.plant_sim.can_bus.servers.hub import Hub, HubError, HubPort, QueueFullError
+from canroll.plant_sim.can_bus.simulation.response_times import traffic_spec
+from canroll.plant_sim.can_bus.traffic.files import load_traffic
 
 QUEUES: Final = ("fifo", "priority")
 _LOGGER: Final = logging.getLogger("can.simbus")

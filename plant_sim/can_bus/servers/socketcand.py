@@ -19,8 +19,8 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from canroll.errors import CanrollError, reason
-from plant_sim.can_bus.servers import SOCKETCAND_PORT
-from plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE
+from canroll.plant_sim.can_bus.servers import SOCKETCAND_PORT
+from canroll.plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE
 
 CLASSIC_LENGTH: Final = 8
 

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from threading import Thread
 from typing import Any, Final
 
-from plant_sim.can_bus.kernel.layout import Network
-from plant_sim.can_bus.servers import SOCKETCAND_PORT
-from plant_sim.can_bus.servers.hub import Hub, HubError, HubPort
-from plant_sim.can_bus.servers.socketcand import MAX_CLIENTS, SocketcandServer
+from canroll.plant_sim.can_bus.kernel.layout import Network
+from canroll.plant_sim.can_bus.servers import SOCKETCAND_PORT
+from canroll.plant_sim.can_bus.servers.hub import Hub, HubError, HubPort
+from canroll.plant_sim.can_bus.servers.socketcand import MAX_CLIENTS, SocketcandServer
 
 _IDLE_S: Final = 0.02
 

@@ -5,18 +5,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.can_bus.kernel.layout import LOGGED, MAX_PAYLOAD, SEED, Network
-from plant_sim.can_bus.kernel.ledger import took
-from plant_sim.can_bus.kernel.network import build_network
-from plant_sim.can_bus.kernel.queues import enqueue
-from plant_sim.can_bus.kernel.scheduler import advance
-from plant_sim.can_bus.network.network_spec import network_spec
-from plant_sim.can_bus.network.routing import RoutedNetwork
-from plant_sim.can_bus.simulation.response_times import add_player, listeners, with_longest
-from plant_sim.can_bus.traffic.log_playback import RecordedFrames, Recording, feed
-from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.can_bus.wire.frame import EXTENDED
-from plant_sim.kernels.random import Stream, random_bits, uniform
+from canroll.plant_sim.can_bus.kernel.layout import LOGGED, MAX_PAYLOAD, SEED, Network
+from canroll.plant_sim.can_bus.kernel.ledger import took
+from canroll.plant_sim.can_bus.kernel.network import build_network
+from canroll.plant_sim.can_bus.kernel.queues import enqueue
+from canroll.plant_sim.can_bus.kernel.scheduler import advance
+from canroll.plant_sim.can_bus.network.network_spec import network_spec
+from canroll.plant_sim.can_bus.network.routing import RoutedNetwork
+from canroll.plant_sim.can_bus.simulation.response_times import add_player, listeners, with_longest
+from canroll.plant_sim.can_bus.traffic.log_playback import RecordedFrames, Recording, feed
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.wire.frame import EXTENDED
+from canroll.plant_sim.kernels.random import Stream, random_bits, uniform
 
 
 @dataclass(frozen=True, slots=True)

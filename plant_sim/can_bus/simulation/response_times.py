@@ -7,22 +7,22 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.buses.topology import Topology
-from plant_sim.can_bus.kernel.layout import DELIVERED, Network
-from plant_sim.can_bus.kernel.ledger import account, drain, load
-from plant_sim.can_bus.kernel.network import (
+from canroll.plant_sim.buses.topology import Topology
+from canroll.plant_sim.can_bus.kernel.layout import DELIVERED, Network
+from canroll.plant_sim.can_bus.kernel.ledger import account, drain, load
+from canroll.plant_sim.can_bus.kernel.network import (
     MAX_CAPACITY,
     NetworkSpec,
     Node,
     add_node,
     build_network,
 )
-from plant_sim.can_bus.kernel.scheduler import advance
-from plant_sim.can_bus.network.network_spec import network_spec
-from plant_sim.can_bus.network.routing import RoutedNetwork
-from plant_sim.can_bus.traffic.log_playback import Recording, feed
-from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.can_bus.wire.frame import ERROR_STATE, worst_case_bits
+from canroll.plant_sim.can_bus.kernel.scheduler import advance
+from canroll.plant_sim.can_bus.network.network_spec import network_spec
+from canroll.plant_sim.can_bus.network.routing import RoutedNetwork
+from canroll.plant_sim.can_bus.traffic.log_playback import Recording, feed
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.wire.frame import ERROR_STATE, worst_case_bits
 
 _CHUNK_NS: Final = 200_000_000
 LISTENER: Final = "Listener"

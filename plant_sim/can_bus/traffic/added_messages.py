@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from plant_sim.can_bus.traffic.inference import InferredBus, InferredMessage
-from plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.traffic.inference import InferredBus, InferredMessage
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
 
 _SAME_PERIOD = 0.05
 """Greatest relative difference in period between a recorded message and the same added one."""

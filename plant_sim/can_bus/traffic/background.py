@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.can_bus.wire.frame import EXTENDED, frame_bits, transmission_ns
-from plant_sim.kernels.instants import MS
-from plant_sim.kernels.jit import interpreted
-from plant_sim.kernels.random import random_bits
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.wire.frame import EXTENDED, frame_bits, transmission_ns
+from canroll.plant_sim.kernels.instants import MS
+from canroll.plant_sim.kernels.jit import interpreted
+from canroll.plant_sim.kernels.random import random_bits
 
 PERIODS_ABOVE_MS: Final = (10, 10, 20)
 PERIODS_BELOW_MS: Final = (20, 50, 100)

@@ -18,13 +18,13 @@ from cantools.database import Database, Message
 from cantools.database.can import Bus
 
 from canroll import documents
+from canroll.dbc import FD_LENGTHS, attribute, padded, read, switches_bit_rate
 from canroll.errors import CanrollError, UnknownNameError, reason
-from dbc import FD_LENGTHS, attribute, padded, read, switches_bit_rate
-from plant_sim.buses import LOGS
-from plant_sim.can_bus.kernel.network import check_frame, check_rates
-from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
-from plant_sim.kernels.instants import MS
+from canroll.plant_sim.buses import LOGS
+from canroll.plant_sim.can_bus.kernel.network import check_frame, check_rates
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
+from canroll.plant_sim.kernels.instants import MS
 
 DEFAULT_BITRATE: Final = 500_000
 CLASSIC: Final = 8

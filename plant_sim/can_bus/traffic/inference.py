@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus.kernel.network import check_rates
-from plant_sim.can_bus.traffic.arrivals import find_arrivals
-from plant_sim.can_bus.traffic.log_playback import Recording, recording_of
-from plant_sim.can_bus.traffic.log_reader import Logged, Progress, read_log, select_channel
-from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.can_bus.traffic.queueing import QueueTimes, queue_times
-from plant_sim.can_bus.wire.frame import EXTENDED, REMOTE
+from canroll.plant_sim.can_bus.kernel.network import check_rates
+from canroll.plant_sim.can_bus.traffic.arrivals import find_arrivals
+from canroll.plant_sim.can_bus.traffic.log_playback import Recording, recording_of
+from canroll.plant_sim.can_bus.traffic.log_reader import Logged, Progress, read_log, select_channel
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.traffic.queueing import QueueTimes, queue_times
+from canroll.plant_sim.can_bus.wire.frame import EXTENDED, REMOTE
 
 RECORDED = "Recorded"
 """Node that represents all senders of a log, which does not name them."""

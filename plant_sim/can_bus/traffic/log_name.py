@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from plant_sim.buses import LOGS, PACKED
+from canroll.plant_sim.buses import LOGS, PACKED
 
 _RATES: Final = re.compile(r"@(?P<bitrate>\d+)(?:/(?P<data>\d+))?(?=#|$)")
 

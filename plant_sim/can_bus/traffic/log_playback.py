@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus.kernel.layout import FREE_FRAME, NOW, Network
-from plant_sim.can_bus.kernel.queues import enqueue
-from plant_sim.can_bus.traffic.log_reader import (
+from canroll.plant_sim.can_bus.kernel.layout import FREE_FRAME, NOW, Network
+from canroll.plant_sim.can_bus.kernel.queues import enqueue
+from canroll.plant_sim.can_bus.traffic.log_reader import (
     Logged,
     Progress,
     read_log,
     select_channel,
     transmission_times,
 )
-from plant_sim.can_bus.wire.frame import EXTENDED, RECEPTION_BITS_BEFORE_END
-from plant_sim.kernels.jit import njit
+from canroll.plant_sim.can_bus.wire.frame import EXTENDED, RECEPTION_BITS_BEFORE_END
+from canroll.plant_sim.kernels.jit import njit
 
 
 class RecordedFrames(NamedTuple):

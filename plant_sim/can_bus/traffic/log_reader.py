@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError, reason
-from plant_sim.buses import LOGS, PACKED
-from plant_sim.can_bus.kernel.layout import MAX_PAYLOAD
-from plant_sim.can_bus.logs import asc, blf, candump, csv, databases, trc
-from plant_sim.can_bus.logs.lines import LineError, Numbered, lines_of
-from plant_sim.can_bus.logs.remarks import Remarks, possible
-from plant_sim.can_bus.logs.sections import find_sections
-from plant_sim.can_bus.traffic.log_name import is_log, suffix_of
-from plant_sim.can_bus.traffic.pcap import CaptureReader
-from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, REMOTE, frame_bits
+from canroll.plant_sim.buses import LOGS, PACKED
+from canroll.plant_sim.can_bus.kernel.layout import MAX_PAYLOAD
+from canroll.plant_sim.can_bus.logs import asc, blf, candump, csv, databases, trc
+from canroll.plant_sim.can_bus.logs.lines import LineError, Numbered, lines_of
+from canroll.plant_sim.can_bus.logs.remarks import Remarks, possible
+from canroll.plant_sim.can_bus.logs.sections import find_sections
+from canroll.plant_sim.can_bus.traffic.log_name import is_log, suffix_of
+from canroll.plant_sim.can_bus.traffic.pcap import CaptureReader
+from canroll.plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, REMOTE, frame_bits
 
 _TEXTS: Final = {".asc": asc.read, ".log": candump.read, ".csv": csv.read, ".trc": trc.read}
 _FILES: Final = {".mf4": databases.read_mf4, ".db": databases.read_db}
@@ -233,7 +233,7 @@ def transmission_times(
 
 
 def flags_of(message: can.Message) -> int:
-    """Return the flags of a python-can message, those of :mod:`plant_sim.can_bus.wire.frame`."""
+    """Return a python-can message's flags, those of :mod:`canroll.plant_sim.can_bus.wire.frame`."""
     flags = EXTENDED if message.is_extended_id else 0
     if message.is_fd:
         # FD has no remote frames, though python-can reads an empty one of an .asc as such

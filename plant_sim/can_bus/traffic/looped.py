@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from plant_sim.can_bus.kernel.layout import Network
-from plant_sim.can_bus.traffic.inference import InferredBus
-from plant_sim.can_bus.traffic.log_playback import RecordedFrames, feed
-from plant_sim.can_bus.wire.frame import arbitration_key
-from plant_sim.kernels.random import Stream, random_bits
+from canroll.plant_sim.can_bus.kernel.layout import Network
+from canroll.plant_sim.can_bus.traffic.inference import InferredBus
+from canroll.plant_sim.can_bus.traffic.log_playback import RecordedFrames, feed
+from canroll.plant_sim.can_bus.wire.frame import arbitration_key
+from canroll.plant_sim.kernels.random import Stream, random_bits
 
 
 class LoopedFrames(NamedTuple):

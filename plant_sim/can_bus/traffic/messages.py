@@ -2,15 +2,15 @@
 
 from dataclasses import dataclass
 
-from plant_sim.can_bus.kernel.network import Source
-from plant_sim.can_bus.wire.frame import (
+from canroll.plant_sim.can_bus.kernel.network import Source
+from canroll.plant_sim.can_bus.wire.frame import (
     RECEPTION_BITS_BEFORE_END,
     arbitration_key,
     best_case_bits,
     transmission_ns,
     worst_case_ns,
 )
-from plant_sim.kernels.jit import interpreted
+from canroll.plant_sim.kernels.jit import interpreted
 
 _arbitration_key = interpreted(arbitration_key)
 

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.can_bus.traffic.log_playback import start_times
-from plant_sim.can_bus.traffic.log_reader import Logged, transmission_times
-from plant_sim.can_bus.wire.frame import arbitration_key, duration_ns, worst_case_bits
+from canroll.plant_sim.can_bus.traffic.log_playback import start_times
+from canroll.plant_sim.can_bus.traffic.log_reader import Logged, transmission_times
+from canroll.plant_sim.can_bus.wire.frame import arbitration_key, duration_ns, worst_case_bits
 
 _STAMP_NS = 2_000
 """Greatest error of the difference of two time stamps of whole microseconds, ns."""

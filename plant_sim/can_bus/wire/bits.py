@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.can_bus.wire.frame import (
+from canroll.plant_sim.can_bus.wire.frame import (
     BIT_RATE_SWITCH,
     CRC15,
     ERROR_STATE,
@@ -13,7 +13,7 @@ from plant_sim.can_bus.wire.frame import (
     REMOTE,
     length_code,
 )
-from plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.jit import njit
 
 _LENGTHS = np.array(FD_LENGTHS, np.int64)
 _CRC17 = 0x1685B

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels.jit import interpreted, njit
+from canroll.plant_sim.kernels.jit import interpreted, njit
 
 EXTENDED: Final = 1
 REMOTE: Final = 2

@@ -10,11 +10,11 @@ import pytest
 
 from canroll.cli.main import main
 from canroll.network import analysis
+from canroll.plant_sim.can_bus import build_network
+from canroll.plant_sim.can_bus.bounds.analysis import response_bounds
+from canroll.plant_sim.can_bus.simulation.response_times import delivered, traffic_spec
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
 from canroll.runs.logs import write_log
-from plant_sim.can_bus import build_network
-from plant_sim.can_bus.bounds.analysis import response_bounds
-from plant_sim.can_bus.simulation.response_times import delivered, traffic_spec
-from plant_sim.can_bus.traffic.messages import BusMessage
 
 DBC = Path(__file__).parents[3] / "dbc" / "roll_control.dbc"
 ROW = """

@@ -8,8 +8,8 @@ import pytest
 from canroll.cli import design_view
 from canroll.cli.main import main
 from canroll.errors import CanrollError
-from gain_gen.monitors.detectability import ConstantFault, Detectable, Limit
-from gain_gen.monitors.uncertainty import Uncertainty, stated
+from canroll.gain_gen.monitors.detectability import ConstantFault, Detectable, Limit
+from canroll.gain_gen.monitors.uncertainty import Uncertainty, stated
 
 
 def test_sizes_have_their_units_and_what_is_never_found_says_so():

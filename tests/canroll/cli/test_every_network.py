@@ -8,11 +8,11 @@ import pytest
 from support.hostile_samples import ARXML
 
 from canroll.cli.main import main
+from canroll.codegen.run.cortex import has_pip_tools
+from canroll.plant_sim.can_bus import build_network
+from canroll.plant_sim.can_bus.simulation.response_times import delivered, traffic_spec
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
 from canroll.runs.logs import write_log
-from codegen.run.cortex import has_pip_tools
-from plant_sim.can_bus import build_network
-from plant_sim.can_bus.simulation.response_times import delivered, traffic_spec
-from plant_sim.can_bus.traffic.messages import BusMessage
 
 OWN = Path(__file__).parents[3] / "examples" / "own_bus"
 MS = 1_000_000

@@ -6,8 +6,8 @@ import pytest
 
 from canroll.cli import export_c, prove, timing
 from canroll.cli.main import parse
+from canroll.codegen.run import cortex, native
 from canroll.errors import CanrollError, VerdictError
-from codegen.run import cortex, native
 
 pytestmark = [
     pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler"),

@@ -5,7 +5,7 @@ import json
 import pytest
 import tomli_w
 
-import vehicles
+from canroll import vehicles
 from canroll.cli.main import main
 
 pytestmark = pytest.mark.slow

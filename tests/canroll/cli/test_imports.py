@@ -8,7 +8,6 @@ import pytest
 
 from canroll.cli.main import main
 
-OURS = ("canroll", "codegen", "dbc", "firmware", "gain_gen", "hil", "plant_sim", "vehicles")
 LOADED = """
 import json, sys
 from canroll.cli.main import main
@@ -35,7 +34,7 @@ def loaded(*words):
 
 
 def ours(modules):
-    return [name for name in modules if name.split(".")[0] in OURS]
+    return [name for name in modules if name.split(".")[0] == "canroll"]
 
 
 LISTS = ("laws", "vehicles", "scenarios", "buses", "bodies")
@@ -53,8 +52,17 @@ NUMBERS = {"numba", "scipy", "cvxpy", "clarabel", "matplotlib"}
             {
                 *("cvxpy", "clarabel", "matplotlib", "jinja2", "elftools", "asammdf"),
                 *("scipy.signal", "scipy.stats", "scipy.optimize", "scipy.special"),
-                *("canroll.runs.metrics", "plant_sim.nodes", "plant_sim.world", "gain_gen.design"),
-                *("plant_sim.can_bus.servers.socketcand", "codegen.c99", "codegen.subset"),
+                *(
+                    "canroll.runs.metrics",
+                    "canroll.plant_sim.nodes",
+                    "canroll.plant_sim.world",
+                    "canroll.gain_gen.design",
+                ),
+                *(
+                    "canroll.plant_sim.can_bus.servers.socketcand",
+                    "canroll.codegen.c99",
+                    "canroll.codegen.subset",
+                ),
             },
             170,
         ),
@@ -76,9 +84,23 @@ def test_a_run_imports_neither_solvers_nor_translators(tmp_path, capsys):
     modules = loaded(*words)
     assert not modules & {
         *("cvxpy", "clarabel", "matplotlib", "scipy.signal", "scipy.stats", "elftools", "asammdf"),
-        *("gain_gen.design", "gain_gen.analysis", "gain_gen.calibration.freeze", "firmware.ecu"),
-        *("codegen.c99.emit", "codegen.proof", "codegen.subset", "codegen.run.unicorn"),
-        *("plant_sim.can_bus.logs", "plant_sim.can_bus.traffic.inference", "hil.timing"),
-        *("canroll.extensions.exchange", "canroll.studies", "hil"),
+        *(
+            "canroll.gain_gen.design",
+            "canroll.gain_gen.analysis",
+            "canroll.gain_gen.calibration.freeze",
+            "canroll.firmware.ecu",
+        ),
+        *(
+            "canroll.codegen.c99.emit",
+            "canroll.codegen.proof",
+            "canroll.codegen.subset",
+            "canroll.codegen.run.unicorn",
+        ),
+        *(
+            "canroll.plant_sim.can_bus.logs",
+            "canroll.plant_sim.can_bus.traffic.inference",
+            "canroll.hil.timing",
+        ),
+        *("canroll.extensions.exchange", "canroll.studies", "canroll.hil"),
     }
     assert len(ours(modules)) <= 242

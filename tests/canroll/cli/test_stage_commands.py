@@ -9,9 +9,9 @@ import pytest
 from support.bundles import make
 
 from canroll.cli.main import main
+from canroll.codegen.run import cortex, native
+from canroll.gain_gen.calibration import calibration_file
 from canroll.runs.experiment import plan
-from codegen.run import cortex, native
-from gain_gen.calibration import calibration_file
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "own_stage" / "progressive.py"
 SHORT = ("--plant", "roll1", "--duration", "2", "--bus", "500k")
@@ -171,9 +171,9 @@ def test_code_for_one_calibration_has_it_too(calibration, tmp_path):
 
 
 STAGE = """
-from firmware.calibration import Calibration
-from firmware.state import Ecu
-from firmware.subset import i32
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import i32
 LIMIT = 30
 
 def moment(ecu: Ecu, cal: Calibration, wanted: i32, output: i32, steps: i32) -> i32:

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.cli import main as cli
 from canroll.errors import CanrollError
+from canroll.gain_gen.laws.custom import read_matrices
+from canroll.plant_sim.can_bus import load_profile
+from canroll.plant_sim.can_bus.traffic.files import load_traffic
+from canroll.plant_sim.driving import signal_file
 from canroll.report.staging import check_parent
-from gain_gen.laws.custom import read_matrices
-from plant_sim.can_bus import load_profile
-from plant_sim.can_bus.traffic.files import load_traffic
-from plant_sim.driving import signal_file
 
 ROOT = Path(__file__).parents[3]
 BOM = b"\xef\xbb\xbf"

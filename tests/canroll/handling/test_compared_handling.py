@@ -6,17 +6,17 @@ from functools import partial
 import numpy as np
 import pytest
 
+from canroll.gain_gen.analysis.family import family_of
+from canroll.gain_gen.analysis.steering_response import steering_response
+from canroll.gain_gen.calibration.record import identify
+from canroll.gain_gen.design import design
+from canroll.gain_gen.models.controller import S_STEERING
+from canroll.gain_gen.models.state_space import StateSpace
 from canroll.handling.controlled_handling import compared, limit_of
+from canroll.plant_sim import bodies
+from canroll.plant_sim.world import handling
 from canroll.runs import experiment
 from canroll.setup.controller import task_of
-from gain_gen.analysis.family import family_of
-from gain_gen.analysis.steering_response import steering_response
-from gain_gen.calibration.record import identify
-from gain_gen.design import design
-from gain_gen.models.controller import S_STEERING
-from gain_gen.models.state_space import StateSpace
-from plant_sim import bodies
-from plant_sim.world import handling
 
 pytestmark = pytest.mark.slow
 

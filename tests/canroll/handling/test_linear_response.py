@@ -2,11 +2,11 @@
 
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
 from canroll.handling.linear_response import linear_response
-from plant_sim import bodies
-from vehicles.unladen import unladen
+from canroll.plant_sim import bodies
+from canroll.vehicles.unladen import unladen
 
 VAN = vehicles.load("van_real")
 

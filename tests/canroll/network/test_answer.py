@@ -8,9 +8,9 @@ import pytest
 from canroll.errors import VerdictError
 from canroll.network.answer import Answer, LoopNames, MessageRow, PathDelay, SegmentAnswer, Times
 from canroll.network.show import parts
-from plant_sim.can_bus.bounds.analysis import response_bounds
-from plant_sim.can_bus.bounds.delay_bounds import DelayBounds, Path
-from plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.bounds.analysis import response_bounds
+from canroll.plant_sim.can_bus.bounds.delay_bounds import DelayBounds, Path
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
 
 MS = 1_000_000
 

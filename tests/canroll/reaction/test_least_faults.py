@@ -6,12 +6,12 @@ from statistics import median
 import numpy as np
 import pytest
 
+from canroll.gain_gen.models.task import Delay, Task
+from canroll.gain_gen.monitors.detectability import TOLERATED, detectable
+from canroll.gain_gen.monitors.residuals import bank_of
+from canroll.gain_gen.monitors.uncertainty import DEFAULT
 from canroll.runs import experiment
-from gain_gen.models.task import Delay, Task
-from gain_gen.monitors.detectability import TOLERATED, detectable
-from gain_gen.monitors.residuals import bank_of
-from gain_gen.monitors.uncertainty import DEFAULT
-from vehicles import load
+from canroll.vehicles import load
 
 pytestmark = pytest.mark.slow
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from canroll.firmware.plausibility import FAULT_ROLL_RATE, FAULT_STUCK
+from canroll.firmware.state import ACTIVE, DEGRADED, INIT, SAFE
+from canroll.plant_sim.faults import parse
 from canroll.reaction.reaction import observe
 from canroll.runs.trace import TICK, Trace
-from firmware.plausibility import FAULT_ROLL_RATE, FAULT_STUCK
-from firmware.state import ACTIVE, DEGRADED, INIT, SAFE
-from plant_sim.faults import parse
 
 DURATION = 4.0
 STUCK = parse("Imu.RollRate=stuck@2")

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from support.chromium import ON_A_PHONE, shown
 
+from canroll.hil.timing import histogram as time_histogram
+from canroll.hil.timing import quantiles
+from canroll.plant_sim.driving.standards import Verdict
 from canroll.report.figure import Series, distribution, histogram, thin
 from canroll.report.page import Cell, Page, PageTable, PageVerdict, render
 from canroll.report.run_page import name_and_note, run_page, timing_figures, verdict
 from canroll.report.tables import reaction_tables
 from canroll.runs import experiment
 from canroll.runs.standard import Standard, StandardJudgement
-from hil.timing import histogram as time_histogram
-from hil.timing import quantiles
-from plant_sim.driving.standards import Verdict
 
 
 @pytest.fixture(scope="module")

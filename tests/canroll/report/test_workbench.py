@@ -9,14 +9,14 @@ import pytest
 from cantools.database import DecodeError
 from support.chromium import ON_A_PHONE, shown
 
-import dbc
+from canroll import dbc
+from canroll.plant_sim.can_bus.kernel.layout import DELIVERED
 from canroll.report.curves import derived
 from canroll.report.run_page import run_page
 from canroll.report.workbench import FRAMES_MAX, INSTANTS_MAX, events, unit_of_command
 from canroll.runs import experiment
 from canroll.runs.trace import TICK
-from plant_sim.can_bus.kernel.layout import DELIVERED
-from vehicles.suspensions.tables import AxleTables, SteeringSystem, VehicleTables
+from canroll.vehicles.suspensions.tables import AxleTables, SteeringSystem, VehicleTables
 
 pytestmark = pytest.mark.slow
 

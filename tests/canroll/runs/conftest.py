@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from canroll.plant_sim.bodies.ports import WHEELS
+from canroll.plant_sim.can_bus.kernel.layout import log_dtype
 from canroll.runs.trace import TICK, Trace
-from plant_sim.bodies.ports import WHEELS
-from plant_sim.can_bus.kernel.layout import log_dtype
 
 SECONDS = 8.0
 

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from canroll.runs import experiment
-from firmware.plausibility import (
+from canroll.firmware.plausibility import (
     FAULT_COMMAND_LATE,
     FAULT_MOTION_CONTRADICTED,
     FAULT_OWN_IDENTIFIER_HEARD,
     FAULT_SAMPLE_RATE_OFF,
     FAULT_SENSOR_ERRATIC,
 )
-from firmware.state import ACTIVE, INIT, SAFE
+from canroll.firmware.state import ACTIVE, INIT, SAFE
+from canroll.runs import experiment
 
 LANE_CHANGE = "double_lane_change"
 REVERSED = tuple(

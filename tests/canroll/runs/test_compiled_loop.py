@@ -8,15 +8,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from canroll.codegen.run import native
 from canroll.errors import CanrollError
+from canroll.plant_sim.can_bus import build_network
+from canroll.plant_sim.can_bus.simulation.response_times import delivered, traffic_spec
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.kernels import records
+from canroll.plant_sim.world import world as world_module
 from canroll.runs import experiment, virtual_time
 from canroll.runs.logs import write_log
-from codegen.run import native
-from plant_sim.can_bus import build_network
-from plant_sim.can_bus.simulation.response_times import delivered, traffic_spec
-from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.kernels import records
-from plant_sim.world import world as world_module
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler (cc)")
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-import dbc
+from canroll import dbc
 from canroll.cli.main import main
 from canroll.errors import CanrollError
 from canroll.runs import conditions, experiment

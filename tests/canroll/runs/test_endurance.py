@@ -4,10 +4,10 @@ import tracemalloc
 
 import pytest
 
+from canroll.plant_sim.world import spool
 from canroll.report import figure, picture, run_page, workbench
 from canroll.runs import experiment, saved_run
 from canroll.runs.logs import write_log
-from plant_sim.world import spool
 
 pytestmark = pytest.mark.slow
 

@@ -12,19 +12,18 @@ import numpy as np
 import pytest
 import tomli_w
 
-import dbc
-import gain_gen.design as designing
-import vehicles
+import canroll.gain_gen.design as designing
+from canroll import dbc, vehicles
 from canroll.cli.main import main
+from canroll.codegen.run.backends import PythonEcu
 from canroll.errors import CanrollError, UnknownNameError
+from canroll.gain_gen.calibration import calibration_file
+from canroll.plant_sim.can_bus import DELIVERED
+from canroll.plant_sim.nodes import sensors
 from canroll.report.run_folder import write_files
 from canroll.runs import experiment, limit_cycle, saved_run
 from canroll.runs.logs import write_log
 from canroll.setup import controller as prepared
-from codegen.run.backends import PythonEcu
-from gain_gen.calibration import calibration_file
-from plant_sim.can_bus import DELIVERED
-from plant_sim.nodes import sensors
 
 SHORT = 2.5
 OWN_BUS = Path(__file__).parents[3] / "examples" / "own_bus" / "own"

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from support.bundles import make
 
-import dbc
+from canroll import dbc
 from canroll.cli import main
+from canroll.codegen.run import native
+from canroll.codegen.run.backends import default_backend, open_backend
+from canroll.plant_sim.can_bus import load_profile
+from canroll.plant_sim.can_bus.bounds.delay_bounds import delay_bounds
+from canroll.plant_sim.can_bus.network.own_frames import own_messages
+from canroll.plant_sim.can_bus.traffic.background import utilisation
 from canroll.runs import logs
 from canroll.runs.experiment import build_world, delay_of, plan
 from canroll.runs.virtual_time import closed_loop
-from codegen.run import native
-from codegen.run.backends import default_backend, open_backend
-from plant_sim.can_bus import load_profile
-from plant_sim.can_bus.bounds.delay_bounds import delay_bounds
-from plant_sim.can_bus.network.own_frames import own_messages
-from plant_sim.can_bus.traffic.background import utilisation
 
 DATABASE = cantools.database.load_file(dbc.FD_PATH)
 OURS = {message.frame_id: message for message in DATABASE.messages}

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from support.limit_cycles import detect
 
+from canroll.gain_gen.laws import LAWS
+from canroll.gain_gen.laws.state_feedback import FEEDFORWARD_SHARE
+from canroll.gain_gen.laws.steering_lead import MOMENT_SHARE
 from canroll.runs.experiment import drive, plan
 from canroll.runs.metrics import judge
 from canroll.studies.bound import bound_of
 from canroll.studies.effort import scaled
-from gain_gen.laws import LAWS
-from gain_gen.laws.state_feedback import FEEDFORWARD_SHARE
-from gain_gen.laws.steering_lead import MOMENT_SHARE
 
 CAR = {"plant": "nonlinear", "vehicle": "van_real", "actuator": "suspension"}
 

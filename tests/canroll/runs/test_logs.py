@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError, MissingExtraError
+from canroll.plant_sim.can_bus.kernel.layout import DELIVERED, ERROR, LOST_OVERFLOW, log_dtype
+from canroll.plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE
 from canroll.runs.logs import SUFFIXES, check_suffix, write_log
-from plant_sim.can_bus.kernel.layout import DELIVERED, ERROR, LOST_OVERFLOW, log_dtype
-from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE
 
 ROWS = (
     # time in ns, identifier, flags, length, segment, outcome

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.runs import metrics
 
 ROOT_HALF = math.sqrt(0.5)

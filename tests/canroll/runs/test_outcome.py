@@ -5,12 +5,12 @@ from dataclasses import replace
 import pytest
 
 from canroll.cli import run_view, terminal
+from canroll.plant_sim.driving.standards import Verdict
 from canroll.report.run_page import verdict
 from canroll.runs import experiment
 from canroll.runs.limit_cycle import LimitCycle
 from canroll.runs.metrics import Metrics
 from canroll.runs.standard import Standard, StandardJudgement, StandardOutcome
-from plant_sim.driving.standards import Verdict
 
 BEFORE = Metrics(
     1.0, 2.0, 3.0, 8.0, 0.5, 0.5, 0.0, 0.0, 0.1, 0.2, 0.01, 0.02, 0.03, 0.0, 0.0, rollover=False

@@ -11,13 +11,13 @@ import pytest
 from support import float_bus, rough_bus
 from support.bus_frames import decoded
 
+from canroll.codegen.generated.bus_map import load
 from canroll.errors import CanrollError
+from canroll.plant_sim.can_bus import load_profile
 from canroll.report.run_folder import write_files
 from canroll.runs import experiment, saved_run
 from canroll.runs.metrics import NUMBERS
 from canroll.setup.bus_frames import check_frames, firmware_of
-from codegen.generated.bus_map import load
-from plant_sim.can_bus import load_profile
 
 ROOT = Path(__file__).parents[3]
 CLASSIC = (

@@ -7,8 +7,8 @@ import pytest
 
 from canroll.cli.main import main
 from canroll.errors import CanrollError
+from canroll.plant_sim.can_bus import DELIVERED, ECU
 from canroll.runs import experiment, phase
-from plant_sim.can_bus import DELIVERED, ECU
 
 MS = 1_000_000
 

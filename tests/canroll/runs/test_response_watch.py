@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
+from canroll.firmware.plausibility import FAULT_ACTUATOR_CONTRADICTED
+from canroll.firmware.state import SAFE
+from canroll.gain_gen.calibration.freeze import calibrate
+from canroll.gain_gen.calibration.options import QuantiseOptions
+from canroll.gain_gen.design import design
+from canroll.gain_gen.models.task import Delay, Task
 from canroll.runs import experiment
 from canroll.studies.variation import DEFAULT_SPREAD, draw, varied
-from firmware.plausibility import FAULT_ACTUATOR_CONTRADICTED
-from firmware.state import SAFE
-from gain_gen.calibration.freeze import calibrate
-from gain_gen.calibration.options import QuantiseOptions
-from gain_gen.design import design
-from gain_gen.models.task import Delay, Task
-from vehicles import load
-from vehicles.roll_stiffness import springs_within
+from canroll.vehicles import load
+from canroll.vehicles.roll_stiffness import springs_within
 
 pytestmark = pytest.mark.slow
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from canroll.firmware.plausibility import FAULT_ACCELERATION, FAULT_ACTUATOR_CONTRADICTED
+from canroll.firmware.state import ACTIVE, DEGRADED, INIT, RX_IMU
 from canroll.runs import experiment
-from firmware.plausibility import FAULT_ACCELERATION, FAULT_ACTUATOR_CONTRADICTED
-from firmware.state import ACTIVE, DEGRADED, INIT, RX_IMU
 
 AT = 1.33
 

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pytest
 
-import dbc
-import vehicles
+from canroll import dbc, vehicles
+from canroll.gain_gen.models.task import Delay
 from canroll.setup.controller import options_of, task_of
-from gain_gen.models.task import Delay
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[3]

@@ -8,19 +8,19 @@ import pytest
 from cryptography.hazmat.primitives.ciphers import algorithms
 from cryptography.hazmat.primitives.cmac import CMAC
 
-import dbc
+from canroll import dbc
 from canroll.cli.main import main
+from canroll.codegen.run import cortex
+from canroll.codegen.run.backends import open_backend
+from canroll.dbc.keys import DEVELOPMENT_KEY
 from canroll.errors import CanrollError
+from canroll.firmware.state import ACTIVE
+from canroll.plant_sim.can_bus import load_profile
 from canroll.report.run_folder import write_files
 from canroll.runs import experiment, saved_run
 from canroll.runs.experiment import build_world, drive, plan
 from canroll.runs.virtual_time import closed_loop
 from canroll.setup.delay import sample_to_force
-from codegen.run import cortex
-from codegen.run.backends import open_backend
-from dbc.keys import DEVELOPMENT_KEY
-from firmware.state import ACTIVE
-from plant_sim.can_bus import load_profile
 
 LANE_CHANGE = "double_lane_change"
 SHORT = {"duration": 3.0, "bus": "secured_fd"}

@@ -10,12 +10,12 @@ from support import split_bus
 from canroll.cli.main import main
 from canroll.cli.run import about
 from canroll.errors import CanrollError
+from canroll.plant_sim.can_bus import load_profile
 from canroll.report.run_folder import write_files
 from canroll.report.signal_files import write_signals
 from canroll.runs import experiment, saved_run
 from canroll.runs.result import Run
 from canroll.setup.bus_frames import check_frames
-from plant_sim.can_bus import load_profile
 
 SHORT = {"actuator": "suspension", "duration": 1.0}
 

@@ -8,9 +8,9 @@ import pytest
 
 from canroll.cli import run_view, terminal
 from canroll.cli.main import main
+from canroll.plant_sim.driving import maneuvers, standards
 from canroll.report.run_page import run_page
 from canroll.runs import experiment, standard, steering_replay
-from plant_sim.driving import maneuvers, standards
 
 
 @pytest.fixture(scope="module")

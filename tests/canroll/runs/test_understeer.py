@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from canroll.gain_gen.calibration.record import identify
+from canroll.gain_gen.calibration.vehicle_part import moment_limit
 from canroll.runs.experiment import drive, plan
 from canroll.runs.metrics import peak
 from canroll.setup.controller import task_of
-from gain_gen.calibration.record import identify
-from gain_gen.calibration.vehicle_part import moment_limit
 
 CHOICES = {"vehicle": "van_real", "law": "plain_feedforward", "actuator": "bars"}
 GAIN = 2.0

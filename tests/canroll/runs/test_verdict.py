@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.cli import terminal
 from canroll.cli.main import main
 from canroll.handling.vehicle_tests import JUDGED
+from canroll.plant_sim.driving import maneuvers, standards
+from canroll.plant_sim.world.recording import SIGNALS
 from canroll.report.tables import change, metric_rows
 from canroll.runs import experiment, metrics, saved_run
-from plant_sim.driving import maneuvers, standards
-from plant_sim.world.recording import SIGNALS
 
 SHORT = 2.5
 

@@ -5,16 +5,16 @@ import re
 import numpy as np
 import pytest
 
+from canroll.codegen.run import native
+from canroll.codegen.run.backends import open_backend
+from canroll.codegen.run.bus_firmware import BusFirmware, built_in
+from canroll.codegen.subset.program import file_of
 from canroll.errors import CanrollError
+from canroll.firmware.plausibility import FAULT_ENVELOPE
+from canroll.gain_gen.laws import LAWS
 from canroll.runs.experiment import build_world, plan
 from canroll.runs.virtual_time import closed_loop
 from canroll.studies.severe import MANOEUVRES
-from codegen.run import native
-from codegen.run.backends import open_backend
-from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.subset.program import file_of
-from firmware.plausibility import FAULT_ENVELOPE
-from gain_gen.laws import LAWS
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 KEPT = 1 << FAULT_ENVELOPE
@@ -48,7 +48,8 @@ def without():
     bare, count = re.subn(r"^    envelope\.\w+\(.*\)\n", "", source, flags=re.MULTILINE)
     assert count == 2
     return BusFirmware(
-        built_in().bus, {"ecu.py": bare.replace("from firmware.monitors import envelope\n", "")}
+        built_in().bus,
+        {"ecu.py": bare.replace("from canroll.firmware.monitors import envelope\n", "")},
     )
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
+from canroll.firmware.plausibility import FAULT_ACTUATOR_CONTRADICTED
+from canroll.firmware.state import ACTIVE, SAFE
+from canroll.plant_sim.can_bus import ECU
 from canroll.runs import experiment
 from canroll.setup.bus_frames import check_frames
-from firmware.plausibility import FAULT_ACTUATOR_CONTRADICTED
-from firmware.state import ACTIVE, SAFE
-from plant_sim.can_bus import ECU
 
 OWN_BUS = Path(__file__).parents[3] / "examples" / "own_bus"
 LAW = {"law": "lqr", "observer": "acceleration"}

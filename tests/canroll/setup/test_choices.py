@@ -11,11 +11,11 @@ import canroll
 from canroll.cli.main import parse
 from canroll.cli.options import choices_of
 from canroll.errors import CanrollError, UnknownNameError
+from canroll.gain_gen.calibration.options import ACTUATOR_NUMBER
 from canroll.runs.conditions import fault_texts
 from canroll.setup import choices
 from canroll.setup.choices import CHOICES, check
 from canroll.setup.words import arguments, described
-from gain_gen.calibration.options import ACTUATOR_NUMBER
 
 ASKED = {
     "vehicle": "van_2021",

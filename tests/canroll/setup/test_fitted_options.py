@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
 from canroll.setup import controller
-from vehicles.fit_spread import FitSpread
+from canroll.vehicles.fit_spread import FitSpread
 
 
 def unsure_of(key):

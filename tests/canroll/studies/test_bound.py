@@ -8,13 +8,13 @@ import pytest
 from scipy.linalg import expm, toeplitz
 from scipy.optimize import brentq
 
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.world.linearise import find_trim, linearise
+from canroll.plant_sim.world.open_loop import moment_response
 from canroll.runs.experiment import drive, plan
 from canroll.runs.metrics import rms
 from canroll.studies.bound import HELD, EffortBound, bound_of
-from plant_sim import bodies
-from plant_sim.bodies import ports
-from plant_sim.world.linearise import find_trim, linearise
-from plant_sim.world.open_loop import moment_response
 
 
 def oscillator(count=60, tick=0.02, frequency=1.4, damping=0.3, stiffness=1e5):

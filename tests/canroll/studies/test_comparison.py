@@ -7,10 +7,10 @@ import pytest
 import canroll
 from canroll.cli.main import main
 from canroll.errors import CanrollError, UnknownNameError
+from canroll.plant_sim.driving.standards import Verdict
 from canroll.runs.standard import Standard, StandardJudgement
 from canroll.studies.comparison import Named, describe, parse_range, runs
 from canroll.studies.comparison_page import best, sweep_page
-from plant_sim.driving.standards import Verdict
 
 
 @pytest.mark.parametrize(

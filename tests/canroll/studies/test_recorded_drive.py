@@ -10,12 +10,12 @@ from support import rough_bus
 
 from canroll.cli import ecu
 from canroll.cli.main import parse
+from canroll.codegen.generated.mailbox import EXTENDED
 from canroll.errors import CanrollError, VerdictError
+from canroll.firmware.state import RX_IMU
+from canroll.gain_gen.calibration import calibration_file
 from canroll.runs import experiment, logs
 from canroll.setup.bus_frames import firmware_of, profile_of
-from codegen.generated.mailbox import EXTENDED
-from firmware.state import RX_IMU
-from gain_gen.calibration import calibration_file
 
 FOREIGN = Path(__file__).parents[3] / "examples" / "own_bus"
 SILENT = 2.0

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import tomli_w
 
-import vehicles
+from canroll import vehicles
 from canroll.cli.main import main
+from canroll.firmware.identification import RATIO_ONE
+from canroll.gain_gen.calibration import calibration_file
 from canroll.runs import experiment, logs
 from canroll.studies.recursive_estimate import estimates
-from firmware.identification import RATIO_ONE
-from gain_gen.calibration import calibration_file
-from vehicles.draws.fitted_cars import draws
+from canroll.vehicles.draws.fitted_cars import draws
 
 STIFFER = 1.2
 

@@ -7,11 +7,11 @@ import pytest
 
 from canroll.cases.execution import Execution
 from canroll.cli.main import main
+from canroll.plant_sim.driving import maneuvers
 from canroll.runs.experiment import run
 from canroll.studies import severe
 from canroll.studies.severe import MANOEUVRES, Severe, SevereStudy, study
 from canroll.studies.variation import NONE
-from plant_sim.driving import maneuvers
 
 SHORT = (Severe("double_lane_change", 80.0), Severe("bumps", 40.0))
 CHOICES = {"runs": 2, "spread": NONE, "manoeuvres": SHORT, "law": "lqr", "vehicle": "van_real"}

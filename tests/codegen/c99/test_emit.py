@@ -6,9 +6,9 @@ import subprocess
 
 import pytest
 
-from codegen.c99 import emit
-from codegen.c99.text import plain
-from codegen.subset.program import SubsetError
+from canroll.codegen.c99 import emit
+from canroll.codegen.c99.text import plain
+from canroll.codegen.subset.program import SubsetError
 
 WARNINGS = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion"]
 WARNINGS += ["-Wshadow", "-Wpedantic", "-Werror"]
@@ -119,7 +119,7 @@ REFUSED = {
 }
 
 HELPERS = """
-from firmware.subset import F, record, set_octet
+from canroll.firmware.subset import F, record, set_octet
 
 @record
 class Flags:
@@ -186,9 +186,9 @@ def test_what_is_read_of_an_array_beside_a_write_is_refused(sample, body, rule):
 @pytest.mark.parametrize(
     ("text", "rule"),
     [
-        ("import math\n", "only the firmware imports itself, not math"),
-        ("from math import sin\n", "only the firmware imports itself"),
-        ("from firmware.state import N as M\n", "remove 'as'"),
+        ("import math\n", "only canroll.firmware is imported, not math"),
+        ("from math import sin\n", "only canroll.firmware is imported"),
+        ("from canroll.firmware.state import N as M\n", "remove 'as'"),
         ("X = 1.5\n", "not a constant of ints"),
         ("X = (1, 2)\n", "a table states its type"),
         ("X: tuple[u8, ...] = (1, 256)\n", "256 does not fit u8"),
@@ -399,8 +399,8 @@ def test_a_shift_that_may_exceed_32_bits_is_done_in_64(sample):
 
 SERVICE = """
 '''A service beside the loop.'''
-from firmware.state import Ecu
-from firmware.subset import clamp, i32
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import clamp, i32
 
 
 def tick(ecu: Ecu, by: i32) -> None:

@@ -3,8 +3,8 @@
 import pytest
 
 from canroll import build_cache
-from codegen.c99 import emit, kept
-from codegen.run.bus_firmware import built_in, with_services
+from canroll.codegen.c99 import emit, kept
+from canroll.codegen.run.bus_firmware import built_in, with_services
 
 
 @pytest.fixture

@@ -17,13 +17,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from support.programs import programs
 
-from codegen.c99 import emit
-from codegen.proof.prove import prove
-from codegen.run import cortex, memory_image
-from codegen.subset import rules
-from codegen.subset.parse import load
-from codegen.subset.program import SubsetError
-from firmware.subset import fields
+from canroll.codegen.c99 import emit
+from canroll.codegen.proof.prove import prove
+from canroll.codegen.run import cortex, memory_image
+from canroll.codegen.subset import rules
+from canroll.codegen.subset.parse import load
+from canroll.codegen.subset.program import SubsetError
+from canroll.firmware.subset import fields
 
 MAIN = """
 #include "canroll.h"

@@ -5,13 +5,13 @@ import subprocess
 
 import pytest
 
+from canroll.codegen.c99 import emit
+from canroll.codegen.subset.parse import load
 from canroll.errors import CanrollError
-from codegen.c99 import emit
-from codegen.subset.parse import load
 
 STATE = """
 from typing import Annotated
-from firmware.subset import F, i32, record, u8
+from canroll.firmware.subset import F, i32, record, u8
 
 
 @record
@@ -36,8 +36,8 @@ class Calibration:
 """
 LOOP = """
 '''A loop.'''
-from firmware.state import Calibration, Ecu
-from firmware.subset import byte, clamp, clear, i32
+from canroll.firmware.state import Calibration, Ecu
+from canroll.firmware.subset import byte, clamp, clear, i32
 
 __all__ = ["init", "receive", "tick"]
 
@@ -88,8 +88,8 @@ def tick(ecu: Ecu, cal: Calibration, k: i32) -> None:
 """
 SERVICE = """
 '''A service that writes the state of the loop.'''
-from firmware.state import Ecu
-from firmware.subset import i32
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import i32
 
 
 def set(ecu: Ecu, value: i32) -> None:

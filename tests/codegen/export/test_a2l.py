@@ -5,13 +5,13 @@ from fractions import Fraction
 
 import pytest
 
+from canroll.codegen.export import a2l
+from canroll.codegen.generated import bus_map, signals
+from canroll.codegen.generated.bus_map import XcpFrames
+from canroll.codegen.run import ecu_traffic, memory_image
 from canroll.errors import CanrollError
-from codegen.export import a2l
-from codegen.generated import bus_map, signals
-from codegen.generated.bus_map import XcpFrames
-from codegen.run import ecu_traffic, memory_image
-from firmware.limits import LAST_BYTE
-from firmware.subset import fields
+from canroll.firmware.limits import LAST_BYTE
+from canroll.firmware.subset import fields
 
 pytest.importorskip("grpc", reason="needs pya2l")
 pytest.importorskip("sqlalchemy", reason="needs pya2ldb")
@@ -196,7 +196,7 @@ def test_wrong_identifiers_of_xcp_are_named(tmp_path, table, word):
 
 @pytest.mark.parametrize("content", [b"", b"\x7fELF", b"ELF" * 99])
 def test_an_image_that_is_no_elf_file_is_refused(tmp_path, content):
-    path = tmp_path / "firmware.elf"
+    path = tmp_path / "canroll.firmware.elf"
     path.write_bytes(content)
     with pytest.raises(CanrollError, match="not a readable ELF file") as refusal:
         a2l.addresses(path)

@@ -5,13 +5,13 @@ import subprocess
 
 import pytest
 
-from codegen.export import annotate, traceability
-from codegen.run import ecu_traffic, native
-from codegen.run.bus_firmware import built_in, with_services
-from codegen.run.specialised import specialised
-from codegen.subset.formats import Formats, Scope
-from codegen.subset.program import FieldReference
-from codegen.subset.walk import walk
+from canroll.codegen.export import annotate, traceability
+from canroll.codegen.run import ecu_traffic, native
+from canroll.codegen.run.bus_firmware import built_in, with_services
+from canroll.codegen.run.specialised import specialised
+from canroll.codegen.subset.formats import Formats, Scope
+from canroll.codegen.subset.program import FieldReference
+from canroll.codegen.subset.walk import walk
 
 SERVED = with_services(built_in(), ("xcp", "uds", "nvm", "nvm_uds"))
 

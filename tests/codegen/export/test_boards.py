@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from support.bundles import export, make
 
-from codegen.export import bundle
-from codegen.run import cortex, ecu_traffic, native
+from canroll.codegen.export import bundle
+from canroll.codegen.run import cortex, ecu_traffic, native
 
 pytestmark = pytest.mark.slow
 

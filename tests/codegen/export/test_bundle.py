@@ -11,9 +11,9 @@ import pytest
 from support.bundles import compared, export, make
 
 from canroll.cli import export_c
+from canroll.codegen.export import a2l, bundle, interrupts
+from canroll.codegen.run import cortex, ecu_traffic, memory_image, native
 from canroll.errors import CanrollError
-from codegen.export import a2l, bundle, interrupts
-from codegen.run import cortex, ecu_traffic, memory_image, native
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 
@@ -91,7 +91,7 @@ def test_the_same_vectors_pass_on_a_bare_cortex_m(folder):
     result = make(folder, "run", "example.elf")
     assert result.returncode == 0, result.stderr
     assert "PASS" in result.stdout
-    base = a2l.addresses(folder / "firmware.elf")
+    base = a2l.addresses(folder / "canroll.firmware.elf")
     assert base["ecu"] >= 0x20000000 > base["calibration"]
 
 

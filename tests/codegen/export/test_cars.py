@@ -3,11 +3,11 @@
 import pytest
 from support import cars
 
-from codegen.generated.bus_map import load
-from codegen.proof.prove import prove
-from codegen.run.bus_firmware import of_bus
-from codegen.run.native import compiler
-from codegen.subset import rules
+from canroll.codegen.generated.bus_map import load
+from canroll.codegen.proof.prove import prove
+from canroll.codegen.run.bus_firmware import of_bus
+from canroll.codegen.run.native import compiler
+from canroll.codegen.subset import rules
 
 CARS = {car.name: car for car in cars.cars()}
 SAMPLE = [

@@ -6,11 +6,11 @@ import subprocess
 
 import pytest
 
-from codegen.c99 import emit
-from codegen.export import coverage_cases
-from codegen.export.bundle import TEMPLATES
-from codegen.run import native
-from codegen.run.bus_firmware import built_in
+from canroll.codegen.c99 import emit
+from canroll.codegen.export import coverage_cases
+from canroll.codegen.export.bundle import TEMPLATES
+from canroll.codegen.run import native
+from canroll.codegen.run.bus_firmware import built_in
 
 pytestmark = [
     pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler"),

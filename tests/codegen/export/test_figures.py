@@ -4,12 +4,12 @@ import shutil
 
 import pytest
 
-import dbc
-from codegen.export import figures
-from codegen.run import cortex, ecu_traffic
-from codegen.run.bus_firmware import built_in, of_bus, with_services
-from codegen.run.specialised import specialised
-from codegen.worst_case.footprint import footprint
+from canroll import dbc
+from canroll.codegen.export import figures
+from canroll.codegen.run import cortex, ecu_traffic
+from canroll.codegen.run.bus_firmware import built_in, of_bus, with_services
+from canroll.codegen.run.specialised import specialised
+from canroll.codegen.worst_case.footprint import footprint
 
 RECORD = ecu_traffic.random_calibration(7)
 needs_gcc = pytest.mark.skipif(

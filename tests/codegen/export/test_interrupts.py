@@ -2,16 +2,16 @@
 
 import pytest
 
+from canroll.codegen.export import interrupts
+from canroll.codegen.run.bus_firmware import AUTHENTICATION, built_in, with_services
+from canroll.codegen.run.service import SERVICES
+from canroll.codegen.subset.parse import load
 from canroll.errors import CanrollError
-from codegen.export import interrupts
-from codegen.run.bus_firmware import AUTHENTICATION, built_in, with_services
-from codegen.run.service import SERVICES
-from codegen.subset.parse import load
 
 MODULE = '''
 """Sample."""
-from firmware.state import Calibration, Ecu
-from firmware.subset import i32
+from canroll.firmware.state import Calibration, Ecu
+from canroll.firmware.subset import i32
 
 
 def receive(ecu: Ecu, message: i32) -> None:
@@ -75,8 +75,8 @@ def test_an_unsafe_interrupt_is_refused(sample, receive, tick, word):
 SERVICE = '''
 """A service."""
 from typing import Annotated
-from firmware.state import Ecu
-from firmware.subset import F, i32, octet, record, u8
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import F, i32, octet, record, u8
 
 
 @record

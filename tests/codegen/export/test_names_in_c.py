@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from canroll.codegen.export import cantools_codec
+from canroll.codegen.generated import bus_map
+from canroll.codegen.run import native
+from canroll.codegen.run.bus_firmware import of_bus
 from canroll.errors import CanrollError
-from codegen.export import cantools_codec
-from codegen.generated import bus_map
-from codegen.run import native
-from codegen.run.bus_firmware import of_bus
 
 DBC = """VERSION ""
 BU_: X
@@ -76,8 +76,10 @@ def test_nothing_is_renamed_without_need():
 
 def test_no_message_names_a_file_that_is_gone(paths, monkeypatch):
     """A name that the subset refuses, had it got there."""
-    monkeypatch.setattr("codegen.generated.signal_code.local_name", lambda name: f"raw_{name}_t")
-    monkeypatch.setattr("codegen.generated.mailbox.local_name", lambda name: name)
+    monkeypatch.setattr(
+        "canroll.codegen.generated.signal_code.local_name", lambda name: f"raw_{name}_t"
+    )
+    monkeypatch.setattr("canroll.codegen.generated.mailbox.local_name", lambda name: name)
     with pytest.raises(CanrollError) as refused:
         _ = of_bus(*paths).files
     assert str(refused.value).startswith("firmware/com/signals.py:")

@@ -4,14 +4,14 @@ from types import SimpleNamespace
 
 import pytest
 
-import dbc
+from canroll import dbc
+from canroll.codegen.export import operation
+from canroll.codegen.run import ecu_traffic
+from canroll.codegen.run.backends import PythonEcu
+from canroll.codegen.run.bus_firmware import built_in, of_bus, with_services
+from canroll.firmware.event_trigger import command_slot
+from canroll.firmware.state import N_FAULT_CODES, SAFE, TX_STATUS
 from canroll.reaction.fault_codes import FAULT_CODES
-from codegen.export import operation
-from codegen.run import ecu_traffic
-from codegen.run.backends import PythonEcu
-from codegen.run.bus_firmware import built_in, of_bus, with_services
-from firmware.event_trigger import command_slot
-from firmware.state import N_FAULT_CODES, SAFE, TX_STATUS
 
 RECORD = ecu_traffic.random_calibration(7)
 

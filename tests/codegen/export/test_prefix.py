@@ -6,12 +6,12 @@ import subprocess
 import pytest
 from support.bundles import export, make
 
-import dbc as contract
+from canroll import dbc as contract
 from canroll.cli.main import main
+from canroll.codegen.export import bundle, prefix
+from canroll.codegen.generated import signals
+from canroll.codegen.run import ecu_traffic, native
 from canroll.errors import CanrollError
-from codegen.export import bundle, prefix
-from codegen.generated import signals
-from codegen.run import ecu_traffic, native
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 

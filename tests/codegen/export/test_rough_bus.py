@@ -5,10 +5,10 @@ import pytest
 from support import rough_bus
 from support.bundles import compared, export, make
 
-from codegen.export import bundle
-from codegen.generated import bus_map
-from codegen.run import native
-from codegen.run.bus_firmware import of_bus
+from canroll.codegen.export import bundle
+from canroll.codegen.generated import bus_map
+from canroll.codegen.run import native
+from canroll.codegen.run.bus_firmware import of_bus
 
 
 def test_its_map_warns_once_of_what_is_wrong(tmp_path):

@@ -6,11 +6,11 @@ import pytest
 from support.bundles import export, make
 
 from canroll.cli import main
-from codegen.export import bundle
-from codegen.generated import signals
-from codegen.run import native
-from codegen.run.bus_firmware import built_in
-from codegen.subset.parse import load
+from canroll.codegen.export import bundle
+from canroll.codegen.generated import signals
+from canroll.codegen.run import native
+from canroll.codegen.run.bus_firmware import built_in
+from canroll.codegen.subset.parse import load
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs cc (package gcc)")
 

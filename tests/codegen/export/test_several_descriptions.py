@@ -7,9 +7,9 @@ import pytest
 from support import split_bus
 from support.bundles import compared, export
 
+from canroll.codegen.export import bundle
+from canroll.codegen.run import native
 from canroll.errors import CanrollError
-from codegen.export import bundle
-from codegen.run import native
 
 NAMED = ("README.md", "test/codec.json")
 """Files that name the descriptions, besides comments in the sources."""

@@ -6,14 +6,14 @@ import pytest
 from support import split_bus
 from support.bundles import export, make
 
-import dbc as contract
+from canroll import dbc as contract
 from canroll.cli import main
+from canroll.codegen.export import a2l, bundle, misra
+from canroll.codegen.export.header import gains_header
+from canroll.codegen.run import cortex, ecu_traffic, memory_image, native
+from canroll.codegen.run.bus_firmware import of_bus
 from canroll.errors import CanrollError
-from codegen.export import a2l, bundle, misra
-from codegen.export.header import gains_header
-from codegen.run import cortex, ecu_traffic, memory_image, native
-from codegen.run.bus_firmware import of_bus
-from firmware.calibration import Calibration
+from canroll.firmware.calibration import Calibration
 
 pytestmark = [
     pytest.mark.slow,

@@ -7,13 +7,13 @@ import pytest
 from support.bundles import export, make
 from support.sample import Sample
 
-import dbc
-from codegen.c99 import emit
-from codegen.export import bundle, misra
-from codegen.run import ecu_traffic, native
-from codegen.run.bus_firmware import built_in, of_bus, with_services
-from codegen.run.service import SERVICES
-from codegen.subset.parse import load
+from canroll import dbc
+from canroll.codegen.c99 import emit
+from canroll.codegen.export import bundle, misra
+from canroll.codegen.run import ecu_traffic, native
+from canroll.codegen.run.bus_firmware import built_in, of_bus, with_services
+from canroll.codegen.run.service import SERVICES
+from canroll.codegen.subset.parse import load
 
 
 @pytest.fixture(scope="module")

@@ -7,16 +7,22 @@ from pathlib import Path
 import pytest
 from support import float_bus
 
-import dbc
+from canroll import dbc
+from canroll.codegen.c99.linkage import linkage
+from canroll.codegen.export import traceability
+from canroll.codegen.export.traceability import Requirement, requirements
+from canroll.codegen.generated import own_stage, signals
+from canroll.codegen.run import ecu_traffic
+from canroll.codegen.run.bus_firmware import (
+    AUTHENTICATION,
+    built_in,
+    of_bus,
+    with_services,
+    with_stage,
+)
+from canroll.codegen.run.service import SERVICES
+from canroll.codegen.run.specialised import specialised
 from canroll.errors import CanrollError
-from codegen.c99.linkage import linkage
-from codegen.export import traceability
-from codegen.export.traceability import Requirement, requirements
-from codegen.generated import own_stage, signals
-from codegen.run import ecu_traffic
-from codegen.run.bus_firmware import AUTHENTICATION, built_in, of_bus, with_services, with_stage
-from codegen.run.service import SERVICES
-from codegen.run.specialised import specialised
 
 ROOT = Path(__file__).parents[3]
 SERVED = with_services(built_in(), (*SERVICES, AUTHENTICATION))
@@ -125,7 +131,7 @@ def test_an_own_stage_stands_for_itself():
 
 CHECKSUM = """from typing import Annotated
 
-from firmware.subset import i32, u8
+from canroll.firmware.subset import i32, u8
 
 
 def inverted(payload: Annotated[list[u8], 8], identifier: i32) -> i32:

@@ -14,10 +14,10 @@ import pytest
 from cantools.database import load_string
 from support.compiled_protection import CompiledProtection
 
-from codegen.frame.frame_protection import protection
-from codegen.proof.prove import prove
-from codegen.run import native
-from codegen.run.bus_firmware import of_bus
+from canroll.codegen.frame.frame_protection import protection
+from canroll.codegen.proof.prove import prove
+from canroll.codegen.run import native
+from canroll.codegen.run.bus_firmware import of_bus
 
 SUPPORT = Path(__file__).parents[2] / "support"
 CASES = json.loads((SUPPORT / "car_frames.json").read_text(encoding="utf-8"))["cases"]

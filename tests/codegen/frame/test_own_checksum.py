@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from cantools.database import load_string
 
+from canroll.codegen.frame.frame_protection import protection
 from canroll.errors import CanrollError
-from codegen.frame.frame_protection import protection
-from plant_sim.nodes import e2e
+from canroll.plant_sim.nodes import e2e
 
 DBC = 'VERSION ""\nBO_ 1313 Frame: 9 Car\n SG_ Sum : 7|12@0+ (1,0) [0|0] "" Ecu\n'
 HEAD = """from typing import Annotated
 
-from firmware.subset import i32, i64, u8, u32
+from canroll.firmware.subset import i32, i64, u8, u32
 
 """
 GOOD = (
@@ -88,8 +88,8 @@ def body(*lines, result="i32", size=9):
         (body("return payload[3]", result="u8"), "must be: def weighted(payload: "),
         (body("return payload[3]", size=12), "reads 12 bytes, Frame has 9"),
         (GOOD.replace("weighted", "weighed"), "did you mean 'weighed'"),
-        ("import os\n" + GOOD, "only the firmware imports itself, not os"),
-        ("from firmware.state import Ecu\n" + GOOD, "maker.py:1: a checksum imports from"),
+        ("import os\n" + GOOD, "only canroll.firmware is imported, not os"),
+        ("from canroll.firmware.state import Ecu\n" + GOOD, "maker.py:1: a checksum imports from"),
         (GOOD.replace("u8, u32", "u8, u23"), "firmware.subset has no u23"),
         (GOOD.replace("i64 = identifier", "i64 = weighted(payload, 1)"), "calls itself"),
     ],

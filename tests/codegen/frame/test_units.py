@@ -4,8 +4,8 @@ import math
 
 import pytest
 
+from canroll.codegen.frame.units import UNITS, conversion, normal
 from canroll.errors import CanrollError
-from codegen.frame.units import UNITS, conversion, normal
 
 SPELLINGS = {
     "deg/s": "°/s Deg/s deg/sec deg/sek degrees/second Grad/s Unit_DegreOfArcPerSecon "

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from canroll.codegen.generated import bus_map
+from canroll.codegen.generated import signals as signal_source
 from canroll.errors import CanrollError
-from codegen.generated import bus_map
-from codegen.generated import signals as signal_source
-from firmware.state import RX_VEHICLE_MOTION, Ecu
-from gain_gen.calibration import resolution
-from plant_sim.nodes import codec, codec_tables
+from canroll.firmware.state import RX_VEHICLE_MOTION, Ecu
+from canroll.gain_gen.calibration import resolution
+from canroll.plant_sim.nodes import codec, codec_tables
 
 DBC = """VERSION ""
 BU_: Car

@@ -2,11 +2,11 @@
 
 import pytest
 
-from codegen.generated import aes_tables
+from canroll.codegen.generated import aes_tables
 
 
 @pytest.mark.drift
 def test_the_tables_are_up_to_date():
     assert aes_tables.PATH.read_text(encoding="utf-8") == aes_tables.generate(), (
-        "python -m codegen.generated.aes_tables"
+        "python -m canroll.codegen.generated.aes_tables"
     )

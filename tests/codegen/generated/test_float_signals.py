@@ -14,16 +14,16 @@ from support import float_bus
 from support.bundles import compared, export, make
 from support.replays import compare
 
+from canroll.codegen.export import bundle
+from canroll.codegen.generated import bus_map
+from canroll.codegen.proof.prove import prove
+from canroll.codegen.run import ecu_traffic, memory_image, native
+from canroll.codegen.run.bus_firmware import built_in, of_bus
+from canroll.codegen.subset import rules
+from canroll.dbc import read
 from canroll.errors import CanrollError
-from codegen.export import bundle
-from codegen.generated import bus_map
-from codegen.proof.prove import prove
-from codegen.run import ecu_traffic, memory_image, native
-from codegen.run.bus_firmware import built_in, of_bus
-from codegen.subset import rules
-from dbc import read
-from firmware.state import RX_IMU, TX_ANTI_ROLL_BAR, Ecu
-from firmware.subset import fields
+from canroll.firmware.state import RX_IMU, TX_ANTI_ROLL_BAR, Ecu
+from canroll.firmware.subset import fields
 
 KILO = 1000.0
 RATE = '{ field = "roll_rate", unit = "deg/s" }'

@@ -2,7 +2,7 @@
 
 import pytest
 
-from codegen.generated import limits
+from canroll.codegen.generated import limits
 
 
 @pytest.mark.drift

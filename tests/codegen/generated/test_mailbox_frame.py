@@ -4,11 +4,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from canroll.codegen.generated import bus_map
+from canroll.codegen.generated import signals as signal_source
+from canroll.codegen.generated.mailbox import EXTENDED
 from canroll.errors import CanrollError
-from codegen.generated import bus_map
-from codegen.generated import signals as signal_source
-from codegen.generated.mailbox import EXTENDED
-from firmware.state import Ecu
+from canroll.firmware.state import Ecu
 
 DBC = """VERSION ""
 BU_: Ecu Car

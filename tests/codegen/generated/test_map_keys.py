@@ -9,11 +9,11 @@ from cantools.database import Message
 from hypothesis import given
 from hypothesis import strategies as st
 
+from canroll.codegen.export import bundle
+from canroll.codegen.generated import bus_map
+from canroll.codegen.generated import signals as signal_source
 from canroll.errors import CanrollError
-from codegen.export import bundle
-from codegen.generated import bus_map
-from codegen.generated import signals as signal_source
-from firmware.state import DISAGREES, Ecu
+from canroll.firmware.state import DISAGREES, Ecu
 
 # overlapping, as the public DBCs of real cars often are: strict reading refuses it
 DBC = """VERSION ""

@@ -7,10 +7,10 @@ import pytest
 from cantools.database import load_string
 from support.replays import compare
 
+from canroll.codegen.generated import bus_map
+from canroll.codegen.run import ecu_traffic, memory_image, native
+from canroll.codegen.run.bus_firmware import of_bus
 from canroll.errors import CanrollError
-from codegen.generated import bus_map
-from codegen.run import ecu_traffic, memory_image, native
-from codegen.run.bus_firmware import of_bus
 
 DBC = """VERSION ""
 NS_ :

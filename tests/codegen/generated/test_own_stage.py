@@ -7,25 +7,25 @@ import numpy as np
 import pytest
 from support.replays import compare, python_states, replayed
 
+from canroll.codegen.c99 import emit
+from canroll.codegen.export import interrupts
+from canroll.codegen.generated import own_stage
+from canroll.codegen.generated.own_stage import OwnStage
+from canroll.codegen.proof.prove import prove
+from canroll.codegen.run import bus_firmware, cortex, ecu_traffic, memory_image, native
+from canroll.codegen.run import qemu as qemu_run
+from canroll.codegen.run import unicorn as unicorn_run
+from canroll.codegen.subset.program import FIRMWARE, copy_sources, source_files
 from canroll.errors import CanrollError
-from codegen.c99 import emit
-from codegen.export import interrupts
-from codegen.generated import own_stage
-from codegen.generated.own_stage import OwnStage
-from codegen.proof.prove import prove
-from codegen.run import bus_firmware, cortex, ecu_traffic, memory_image, native
-from codegen.run import qemu as qemu_run
-from codegen.run import unicorn as unicorn_run
-from codegen.subset.program import FIRMWARE, copy_sources, source_files
-from firmware.calibration import (
+from canroll.firmware.calibration import (
     COMPENSATOR,
     OUTPUT_FEEDBACK,
     STATE_FEEDBACK,
     STATE_MAX,
     Calibration,
 )
-from firmware.state import ACTIVE, DEGRADED, Ecu
-from firmware.subset import fields
+from canroll.firmware.state import ACTIVE, DEGRADED, Ecu
+from canroll.firmware.subset import fields
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "own_stage" / "progressive.py"
 STAGE = own_stage.read(EXAMPLE)
@@ -33,9 +33,9 @@ STAGE = own_stage.read(EXAMPLE)
 HEAD = """\
 \"\"\"Sample.\"\"\"
 from typing import Annotated
-from firmware.calibration import Calibration
-from firmware.state import Ecu
-from firmware.subset import F, clamp, clear, i32, i64, record, sat31, u8
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import F, clamp, clear, i32, i64, record, sat31, u8
 
 
 """
@@ -102,7 +102,7 @@ def test_without_a_stage_the_c_has_nothing_of_it(tmp_path):
     copy_sources(tmp_path)
     for path in source_files(tmp_path):
         lines = path.read_text().splitlines()
-        kept = [s for s in lines if "stage." not in s and s != "from firmware import stage"]
+        kept = [s for s in lines if "stage." not in s and s != "from canroll.firmware import stage"]
         path.write_text("\n".join([*kept, ""]))
     (tmp_path / "stage.py").unlink()
     assert "stage.moment" in (FIRMWARE / "control_law.py").read_text()
@@ -254,9 +254,17 @@ def own(field, hook=ESTIMATE + "    ecu.x[0] = 0\n"):
 @pytest.mark.parametrize(
     ("text", "line", "rule"),
     [
-        ("import numpy\n", 8, "only the firmware imports itself, not numpy"),
-        ("from firmware.state import Nothing\n", 8, "firmware.state has no Nothing"),
-        ("from firmware.nothing import x\n", 8, "there is no module firmware.nothing"),
+        ("import numpy\n", 8, "only canroll.firmware is imported, not numpy"),
+        (
+            "from canroll.firmware.state import Nothing\n",
+            8,
+            "canroll.firmware.state has no Nothing",
+        ),
+        (
+            "from canroll.firmware.nothing import x\n",
+            8,
+            "there is no module canroll.firmware.nothing",
+        ),
         ("def moment(:\n", 8, "invalid syntax"),
         ("X = 1\n", 1, "a stage defines at least one of start, estimate, moment, rest"),
         ("def rest(ecu: Ecu) -> None:\n    ecu.x[0] = 0\n", 8, "must be: def rest(ecu: Ecu"),
@@ -279,7 +287,8 @@ def own(field, hook=ESTIMATE + "    ecu.x[0] = 0\n"):
         (ESTIMATE + "    ecu.mode = 1\n", 9, "a stage stores in its own fields and in ecu.x"),
         (ESTIMATE + "    clear(ecu)\n", 9, "a stage stores in its own fields"),
         (
-            f"from firmware.plausibility import latch_faults\n{ESTIMATE}    latch_faults(ecu)\n",
+            "from canroll.firmware.plausibility import latch_faults\n"
+            f"{ESTIMATE}    latch_faults(ecu)\n",
             10,
             "a stage stores in its own fields",
         ),

@@ -12,16 +12,16 @@ from hypothesis import strategies as st
 from support.compiled_protection import CompiledProtection
 from support.replays import replayed
 
+from canroll.codegen.export import bundle
+from canroll.codegen.frame.frame_protection import protection
+from canroll.codegen.generated import bus_map
+from canroll.codegen.generated import protection as protection_source
+from canroll.codegen.proof.prove import prove
+from canroll.codegen.run import bus_firmware, ecu_traffic, memory_image, native
 from canroll.errors import CanrollError
-from codegen.export import bundle
-from codegen.frame.frame_protection import protection
-from codegen.generated import bus_map
-from codegen.generated import protection as protection_source
-from codegen.proof.prove import prove
-from codegen.run import bus_firmware, ecu_traffic, memory_image, native
-from firmware.calibration import N_RX, Calibration
-from firmware.com import e2e
-from firmware.state import N_TX, Ecu
+from canroll.firmware.calibration import N_RX, Calibration
+from canroll.firmware.com import e2e
+from canroll.firmware.state import N_TX, Ecu
 
 IDS = list(range(101, 117))
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: Ecu Car\n'

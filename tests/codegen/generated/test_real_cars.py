@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from support.bundles import compared, export, make
 
-from codegen.export import bundle, coverage_cases, figures
-from codegen.generated import bus_map
-from codegen.run import ecu_traffic, memory_image, native
+from canroll.codegen.export import bundle, coverage_cases, figures
+from canroll.codegen.generated import bus_map
+from canroll.codegen.run import ecu_traffic, memory_image, native
 
 REPAIRED = ("vw_meb", "mazda_2017")
 ITSELF = ("vw_meb",)

@@ -3,10 +3,10 @@
 import cantools
 import pytest
 
-import dbc
+from canroll import dbc
+from canroll.codegen.generated import secured_contract
+from canroll.codegen.generated.bus_map import load
 from canroll.errors import CanrollError
-from codegen.generated import secured_contract
-from codegen.generated.bus_map import load
 
 
 def test_both_files_are_current():

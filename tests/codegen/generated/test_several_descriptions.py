@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 from support import split_bus
 
+from canroll.codegen.generated.bus_map import load
+from canroll.codegen.run.bus_firmware import of_bus
 from canroll.errors import CanrollError
-from codegen.generated.bus_map import load
-from codegen.run.bus_firmware import of_bus
 
 
 def test_two_files_give_what_one_gives(tmp_path):

@@ -12,13 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.replays import compare
 
+from canroll.codegen.generated import bus_map
+from canroll.codegen.proof.prove import prove
+from canroll.codegen.run import ecu_traffic, memory_image, native
+from canroll.codegen.run.bus_firmware import of_bus
+from canroll.codegen.subset import rules
 from canroll.errors import CanrollError
-from codegen.generated import bus_map
-from codegen.proof.prove import prove
-from codegen.run import ecu_traffic, memory_image, native
-from codegen.run.bus_firmware import of_bus
-from codegen.subset import rules
-from firmware.state import (
+from canroll.firmware.state import (
     ACTIVE,
     DEGRADED,
     FIRST_FRAME,

@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import dbc
+from canroll import dbc
+from canroll.codegen.export import bundle
+from canroll.codegen.generated import bus_map, mailbox
+from canroll.codegen.generated import frames as frame_source
+from canroll.codegen.generated import protection as protection_source
+from canroll.codegen.generated import signals as signal_source
 from canroll.errors import CanrollError
-from codegen.export import bundle
-from codegen.generated import bus_map, mailbox
-from codegen.generated import frames as frame_source
-from codegen.generated import protection as protection_source
-from codegen.generated import signals as signal_source
-from firmware.com import protection, signals
-from firmware.state import Ecu
+from canroll.firmware.com import protection, signals
+from canroll.firmware.state import Ecu
 
 TO_SI = {
     "deg": math.pi / 180,

@@ -6,12 +6,12 @@ from itertools import product
 
 import pytest
 
-from codegen.c99.text import RUNTIME
-from codegen.operations.c_expression import C_TYPES, PRIMARY, Expression, fits, literal
-from codegen.operations.intervals import KINDS, Value
-from codegen.operations.table import INTRINSICS, OPERATORS, Operation
-from codegen.run import native
-from firmware import subset
+from canroll.codegen.c99.text import RUNTIME
+from canroll.codegen.operations.c_expression import C_TYPES, PRIMARY, Expression, fits, literal
+from canroll.codegen.operations.intervals import KINDS, Value
+from canroll.codegen.operations.table import INTRINSICS, OPERATORS, Operation
+from canroll.codegen.run import native
+from canroll.firmware import subset
 
 ROWS = [*OPERATORS.values(), *(row for row in INTRINSICS.values() if isinstance(row, Operation))]
 CASES = 60

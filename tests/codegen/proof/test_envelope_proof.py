@@ -8,14 +8,14 @@ import ast
 
 import pytest
 
-from codegen.operations.intervals import BITS_31, KINDS
-from codegen.operations.relations import RELATIONS
-from codegen.operations.table import OPERATORS
-from codegen.subset.parse import load
-from codegen.subset.program import Constant, FieldReference, Function
-from firmware.calibration import Calibration
-from firmware.state import Ecu
-from firmware.subset import fields
+from canroll.codegen.operations.intervals import BITS_31, KINDS
+from canroll.codegen.operations.relations import RELATIONS
+from canroll.codegen.operations.table import OPERATORS
+from canroll.codegen.subset.parse import load
+from canroll.codegen.subset.program import Constant, FieldReference, Function
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import fields
 
 z3 = pytest.importorskip("z3", reason="needs z3-solver: the extra judges")
 

@@ -6,16 +6,16 @@ import pytest
 
 from canroll.cli import prove as command
 from canroll.cli.main import parse
+from canroll.codegen.operations import intervals as iv
+from canroll.codegen.operations.intervals import Value
+from canroll.codegen.proof.prove import prove
+from canroll.codegen.run import ecu_traffic, memory_image
+from canroll.codegen.run.bus_firmware import built_in
+from canroll.codegen.subset.parse import load
+from canroll.codegen.subset.program import copy_sources, file_of
 from canroll.errors import CanrollError
-from codegen.operations import intervals as iv
-from codegen.operations.intervals import Value
-from codegen.proof.prove import prove
-from codegen.run import ecu_traffic, memory_image
-from codegen.run.bus_firmware import built_in
-from codegen.subset.parse import load
-from codegen.subset.program import copy_sources, file_of
-from firmware import subset
-from firmware.calibration import Calibration
+from canroll.firmware import subset
+from canroll.firmware.calibration import Calibration
 
 WRONG = {
     "overflow": (
@@ -173,7 +173,7 @@ def run(ecu: Ecu, first: i64, last: i64) -> None:
     ),
     "a record that zero is not in, cleared": (
         """
-from firmware.subset import F, record
+from canroll.firmware.subset import F, record
 
 @record
 class Own:

@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import pytest
 
+from canroll.codegen.run.bus_firmware import built_in, with_services
+from canroll.codegen.run.service import SERVICES, Service
+from canroll.codegen.subset.program import SubsetError
 from canroll.errors import CanrollError
-from codegen.run.bus_firmware import built_in, with_services
-from codegen.run.service import SERVICES, Service
-from codegen.subset.program import SubsetError
 
 STATE = '''"""State."""
 
 from typing import Annotated
 
-from firmware.subset import F, i32, record
+from canroll.firmware.subset import F, i32, record
 
 
 @record
@@ -24,10 +24,10 @@ class Sneaky:
 '''
 MODULE = '''"""A service."""
 
-from firmware.calibration import Calibration
-from firmware.plausibility import latch_faults
-from firmware.state import Ecu
-from firmware.subset import i32, set_octet
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.plausibility import latch_faults
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import i32, set_octet
 from {package}.sneaky_state import Sneaky
 
 

@@ -3,11 +3,11 @@
 import pytest
 from support.replays import images, replayed
 
+from canroll.codegen.run import backends, ecu_traffic, memory_image, native
 from canroll.errors import CanrollError, UnknownNameError
-from codegen.run import backends, ecu_traffic, memory_image, native
-from firmware.calibration import Calibration
-from firmware.com.signals import RX_IDS, TX_IDS
-from firmware.state import ACTIVE, DEGRADED, SAFE, Ecu
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.com.signals import RX_IDS, TX_IDS
+from canroll.firmware.state import ACTIVE, DEGRADED, SAFE, Ecu
 
 needs_cc = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 

@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 from support.bundles import export, make
 from support.replays import compare, replayed
 
-import dbc
-from canroll.errors import CanrollError
-from codegen.export import bundle
-from codegen.generated import bus_map, mailbox, signals
-from codegen.proof.prove import prove
-from codegen.run import (
+from canroll import dbc
+from canroll.codegen.export import bundle
+from canroll.codegen.generated import bus_map, mailbox, signals
+from canroll.codegen.proof.prove import prove
+from canroll.codegen.run import (
     backends,
     bus_firmware,
     cortex,
@@ -26,10 +25,11 @@ from codegen.run import (
     native,
     translation,
 )
-from codegen.run import qemu as qemu_run
-from codegen.run import unicorn as unicorn_run
-from codegen.subset.parse import load
-from firmware.calibration import Calibration
+from canroll.codegen.run import qemu as qemu_run
+from canroll.codegen.run import unicorn as unicorn_run
+from canroll.codegen.subset.parse import load
+from canroll.errors import CanrollError
+from canroll.firmware.calibration import Calibration
 
 PATHS = (
     signals.DBC.with_name("roll_control_fd.dbc"),

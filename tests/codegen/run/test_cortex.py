@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from support.replays import replayed
 
-from codegen.run import backends, cortex, ecu_traffic, memory_image, native, qemu, unicorn
-from codegen.run.backends import Recorder
-from codegen.worst_case.footprint import FLOAT, footprint
-from firmware.com.signals import RX_IDS
-from firmware.state import ACTIVE, DEGRADED, Ecu
+from canroll.codegen.run import backends, cortex, ecu_traffic, memory_image, native, qemu, unicorn
+from canroll.codegen.run.backends import Recorder
+from canroll.codegen.worst_case.footprint import FLOAT, footprint
+from canroll.firmware.com.signals import RX_IDS
+from canroll.firmware.state import ACTIVE, DEGRADED, Ecu
 from tools import recorded_traffic
 
 CPUS = [c if c == "cortex-m4" else pytest.param(c, marks=pytest.mark.long) for c in cortex.CPUS]

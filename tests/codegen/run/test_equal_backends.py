@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from support.replays import compare, replayed
 
-from codegen.run import cortex, ecu_traffic, native, qemu
-from codegen.run.bus_firmware import built_in
-from firmware.state import ACTIVE
+from canroll.codegen.run import cortex, ecu_traffic, native, qemu
+from canroll.codegen.run.bus_firmware import built_in
+from canroll.firmware.state import ACTIVE
 from tools.recorded_traffic import CASES, record
 
 pytestmark = [
@@ -72,7 +72,7 @@ def test_disturbed_traffic_hurts_in_episodes_only(recorded):
 
 
 def test_the_cases_are_all_actuators_and_observers():
-    from gain_gen.laws import OBSERVERS
+    from canroll.gain_gen.laws import OBSERVERS
 
     assert {case.actuator for case in CASES} >= {"suspension", "bars", "dampers", "valves"}
     assert {case.observer for case in CASES} >= {None, *OBSERVERS} - {"two_sensors"}

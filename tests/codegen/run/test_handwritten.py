@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from support.replays import replayed
 
-from codegen.run import cortex, ecu_traffic, native, qemu
-from codegen.run.bus_firmware import built_in
-from codegen.run.specialised import specialised
-from codegen.worst_case.cycles import Timing
-from codegen.worst_case.firmware_bound import cycle_costs
-from codegen.worst_case.footprint import footprint
-from firmware.state import ACTIVE, DEGRADED, INIT, SAFE
+from canroll.codegen.run import cortex, ecu_traffic, native, qemu
+from canroll.codegen.run.bus_firmware import built_in
+from canroll.codegen.run.specialised import specialised
+from canroll.codegen.worst_case.cycles import Timing
+from canroll.codegen.worst_case.firmware_bound import cycle_costs
+from canroll.codegen.worst_case.footprint import footprint
+from canroll.firmware.state import ACTIVE, DEGRADED, INIT, SAFE
 from tools import recorded_traffic
 
 pytestmark = [

@@ -2,14 +2,14 @@
 
 import pytest
 
-import dbc
-from codegen.run import cortex, ecu_traffic, memory_image
-from codegen.run.bus_firmware import of_bus
-from codegen.run.machine import PythonMachine
-from codegen.run.native import NativeMachine, compiler
-from codegen.run.unicorn import CortexMachine
-from firmware.calibration import Calibration
-from firmware.security.secoc_state import SECURED, Secoc
+from canroll import dbc
+from canroll.codegen.run import cortex, ecu_traffic, memory_image
+from canroll.codegen.run.bus_firmware import of_bus
+from canroll.codegen.run.machine import PythonMachine
+from canroll.codegen.run.native import NativeMachine, compiler
+from canroll.codegen.run.unicorn import CortexMachine
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.security.secoc_state import SECURED, Secoc
 
 FIRMWARE = of_bus(dbc.SECURED_PATH, dbc.SECURED_MAP)
 CALIBRATION = ecu_traffic.random_calibration(3)

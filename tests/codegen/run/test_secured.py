@@ -5,15 +5,15 @@ import pytest
 from cryptography.hazmat.primitives.ciphers import algorithms
 from cryptography.hazmat.primitives.cmac import CMAC
 
-import dbc
-from codegen.run import cortex, ecu_traffic, unicorn
-from codegen.run.backends import open_backend
-from codegen.run.bus_firmware import built_in, of_bus
-from codegen.run.native import compiler
-from codegen.run.secured import SecocModule, SecuredEcu, listening_ticks
-from codegen.run.unicorn import CortexEcu
-from firmware.security.secoc_state import COUNTER_MAX, SECURED
-from firmware.state import RX_IMU, TX_ANTI_ROLL_BAR
+from canroll import dbc
+from canroll.codegen.run import cortex, ecu_traffic, unicorn
+from canroll.codegen.run.backends import open_backend
+from canroll.codegen.run.bus_firmware import built_in, of_bus
+from canroll.codegen.run.native import compiler
+from canroll.codegen.run.secured import SecocModule, SecuredEcu, listening_ticks
+from canroll.codegen.run.unicorn import CortexEcu
+from canroll.firmware.security.secoc_state import COUNTER_MAX, SECURED
+from canroll.firmware.state import RX_IMU, TX_ANTI_ROLL_BAR
 
 KEY = bytes(range(50, 66))
 FIRMWARE = of_bus(dbc.SECURED_PATH, dbc.SECURED_MAP)

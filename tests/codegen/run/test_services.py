@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import pytest
 
-from codegen.proof.prove import prove
-from codegen.run import cortex, ecu_traffic, memory_image
-from codegen.run.bus_firmware import built_in
-from codegen.run.secured import SecocModule
-from codegen.run.unicorn import CortexEcu
-from codegen.subset.parse import load
-from firmware.calibration import N_RX
-from firmware.security import secoc, secoc_state
-from firmware.security.secoc_state import SECURED
-from firmware.state import N_TX
+from canroll.codegen.proof.prove import prove
+from canroll.codegen.run import cortex, ecu_traffic, memory_image
+from canroll.codegen.run.bus_firmware import built_in
+from canroll.codegen.run.secured import SecocModule
+from canroll.codegen.run.unicorn import CortexEcu
+from canroll.codegen.subset.parse import load
+from canroll.firmware.calibration import N_RX
+from canroll.firmware.security import secoc, secoc_state
+from canroll.firmware.security.secoc_state import SECURED
+from canroll.firmware.state import N_TX
 
 KEY = bytes(range(16))
 BUDGET = {"cortex-m0": 3000, "cortex-m4": 1200}

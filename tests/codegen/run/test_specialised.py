@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from support.replays import images, replayed
 
+from canroll.codegen.generated import own_stage
+from canroll.codegen.run import ecu_traffic, memory_image, native
+from canroll.codegen.run.bus_firmware import built_in, with_stage
+from canroll.codegen.run.specialised import specialised
 from canroll.errors import CanrollError
-from codegen.generated import own_stage
-from codegen.run import ecu_traffic, memory_image, native
-from codegen.run.bus_firmware import built_in, with_stage
-from codegen.run.specialised import specialised
-from firmware import ecu as loop
-from firmware.calibration import Calibration
-from firmware.check import RULE_CRC
-from firmware.state import ACTIVE, DEGRADED, INIT, SAFE, Ecu
+from canroll.firmware import ecu as loop
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.check import RULE_CRC
+from canroll.firmware.state import ACTIVE, DEGRADED, INIT, SAFE, Ecu
 from tools import recorded_traffic
 from tools.recorded_traffic import Case
 

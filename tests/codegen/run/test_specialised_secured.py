@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from codegen.run import cortex, ecu_traffic, native, unicorn
-from codegen.run.backends import open_backend
-from codegen.run.bus_firmware import of_bus
-from codegen.run.specialised import specialised
-from dbc import SECURED_MAP, SECURED_PATH
-from dbc.keys import DEVELOPMENT_KEY
-from firmware.state import ACTIVE
+from canroll.codegen.run import cortex, ecu_traffic, native, unicorn
+from canroll.codegen.run.backends import open_backend
+from canroll.codegen.run.bus_firmware import of_bus
+from canroll.codegen.run.specialised import specialised
+from canroll.dbc import SECURED_MAP, SECURED_PATH
+from canroll.dbc.keys import DEVELOPMENT_KEY
+from canroll.firmware.state import ACTIVE
 from tools import recorded_traffic
 from tools.recorded_traffic import Case
 

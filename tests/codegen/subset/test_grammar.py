@@ -8,17 +8,17 @@ import pytest
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
+from canroll.codegen.operations.table import INTRINSICS
+from canroll.codegen.subset import grammar, rules
+from canroll.codegen.subset.parse import load
+from canroll.codegen.subset.program import SubsetError
 from canroll.errors import CanrollError
-from codegen.operations.table import INTRINSICS
-from codegen.subset import grammar, rules
-from codegen.subset.parse import load
-from codegen.subset.program import SubsetError
 
 GOOD = '''"""Sample."""
 
 from typing import Annotated
 
-from firmware.subset import F, clamp, i32, i64, record, u8
+from canroll.firmware.subset import F, clamp, i32, i64, record, u8
 
 __all__ = ["weighted"]
 
@@ -71,8 +71,9 @@ EXPRESSIONS = (
     *("'text'", "b''", "2 ** 2 ** 9", "1 << 64 << 64 << 64", "N[spring()]", "N[0:spring()]"),
 )
 STATEMENTS = (
-    *("spring()", "import os", "from os import *", "from firmware.subset import *", "pass"),
-    *("from firmware import subset", "from firmware.subset import get_type_hints", "x = spring()"),
+    *("spring()", "import os", "from os import *", "from canroll.firmware.subset import *", "pass"),
+    *("from canroll.firmware.subset import get_type_hints", "from canroll.firmware import subset"),
+    "x = spring()",
     *("__all__ = [spring()]", "__all__ = x = ['a']", "__builtins__ = 1", "x: spring() = 1"),
     *("x: 'spring()' = 1", "x: tuple[i32, spring()] = 1", "x: i32 = spring()", "x.y = spring()"),
     *(

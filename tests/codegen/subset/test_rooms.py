@@ -2,14 +2,14 @@
 
 import pytest
 
+from canroll.codegen.c99 import emit
+from canroll.codegen.subset.parse import load
+from canroll.codegen.subset.program import SubsetError, source_files
 from canroll.errors import CanrollError
-from codegen.c99 import emit
-from codegen.subset.parse import load
-from codegen.subset.program import SubsetError, source_files
 
 INNER = '''"""Doubles."""
 
-from firmware.subset import i32
+from canroll.firmware.subset import i32
 
 SHIFT = 1
 
@@ -21,7 +21,7 @@ def doubled(a: i32) -> i32:
 ENTRY = '''"""Entry."""
 
 {how}
-from firmware.subset import i32
+from canroll.firmware.subset import i32
 
 
 def init(a: i32) -> i32:
@@ -41,8 +41,8 @@ def firmware(folder, how, call):
 @pytest.mark.parametrize(
     ("how", "call"),
     [
-        ("from firmware.room.inner import doubled", "doubled"),
-        ("from firmware.room import inner", "inner.doubled"),
+        ("from canroll.firmware.room.inner import doubled", "doubled"),
+        ("from canroll.firmware.room import inner", "inner.doubled"),
     ],
 )
 def test_a_module_in_a_room_is_translated(tmp_path, how, call):
@@ -55,7 +55,7 @@ def test_a_module_in_a_room_is_translated(tmp_path, how, call):
 
 
 def test_two_modules_of_one_name_are_refused(tmp_path):
-    folder = firmware(tmp_path, "from firmware.room import inner", "inner.doubled")
+    folder = firmware(tmp_path, "from canroll.firmware.room import inner", "inner.doubled")
     (folder / "other").mkdir()
     (folder / "other" / "inner.py").write_text(INNER)
     with pytest.raises(CanrollError, match=r"other/inner\.py and .*room/inner\.py: .*unique"):
@@ -63,7 +63,7 @@ def test_two_modules_of_one_name_are_refused(tmp_path):
 
 
 def test_a_rule_broken_in_a_room_names_its_file(tmp_path):
-    folder = firmware(tmp_path, "from firmware.room import inner", "inner.doubled")
+    folder = firmware(tmp_path, "from canroll.firmware.room import inner", "inner.doubled")
     (folder / "room" / "inner.py").write_text(INNER + "\n\nwhile True:\n    pass\n")
     with pytest.raises(SubsetError, match=r"room/inner\.py:13: "):
         load(folder=folder)

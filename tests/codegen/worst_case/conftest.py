@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 
-from codegen.run import cortex
+from canroll.codegen.run import cortex
 
 pytest.importorskip("capstone", reason="needs canroll[target]")
 
@@ -15,7 +15,7 @@ def assembled(tmp_path):
     """Link assembly text; each ``.global`` function needs its ``.type``."""
     if shutil.which("arm-none-eabi-gcc") is None:
         pytest.skip("needs gcc-arm-none-eabi")
-    from codegen.worst_case.machine_code import MachineImage
+    from canroll.codegen.worst_case.machine_code import MachineImage
 
     def link(text, cpu="cortex-m4"):
         head = ".syntax unified\n.thumb\n.text\n"

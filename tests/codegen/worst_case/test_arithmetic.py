@@ -5,10 +5,10 @@ import random
 import capstone
 import pytest
 
-from codegen.worst_case.arithmetic import compute
-from codegen.worst_case.conditions import OPPOSITE, where
-from codegen.worst_case.machine_state import I32, MachineState, Value
-from codegen.worst_case.transfer import BRANCHES
+from canroll.codegen.worst_case.arithmetic import compute
+from canroll.codegen.worst_case.conditions import OPPOSITE, where
+from canroll.codegen.worst_case.machine_state import I32, MachineState, Value
+from canroll.codegen.worst_case.transfer import BRANCHES
 
 SCRATCH = 0x2000_2000
 COMPARED = bytes.fromhex("8842")

@@ -5,15 +5,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from codegen.run import cortex, ecu_traffic, qemu, unicorn
-from codegen.run.backends import open_backend
-from codegen.run.bus_firmware import of_bus
-from codegen.run.native import compiler
-from codegen.run.specialised import specialised
-from codegen.worst_case import firmware_bound as worst
-from codegen.worst_case.cycles import Timing
-from dbc import SECURED_MAP, SECURED_PATH
-from dbc.keys import DEVELOPMENT_KEY
+from canroll.codegen.run import cortex, ecu_traffic, qemu, unicorn
+from canroll.codegen.run.backends import open_backend
+from canroll.codegen.run.bus_firmware import of_bus
+from canroll.codegen.run.native import compiler
+from canroll.codegen.run.specialised import specialised
+from canroll.codegen.worst_case import firmware_bound as worst
+from canroll.codegen.worst_case.cycles import Timing
+from canroll.dbc import SECURED_MAP, SECURED_PATH
+from canroll.dbc.keys import DEVELOPMENT_KEY
 from tools import recorded_traffic
 from tools.recorded_traffic import Case
 

@@ -2,11 +2,11 @@
 
 import pytest
 
+from canroll.codegen.worst_case.cycles import Timing
+from canroll.codegen.worst_case.longest_path import LongestPath
+from canroll.codegen.worst_case.machine_state import MachineState, Promises
+from canroll.codegen.worst_case.transfer import Transfer
 from canroll.errors import CanrollError
-from codegen.worst_case.cycles import Timing
-from codegen.worst_case.longest_path import LongestPath
-from codegen.worst_case.machine_state import MachineState, Promises
-from codegen.worst_case.transfer import Transfer
 
 HEAD = ".global main\n.type main, %function\nmain:\n"
 TOP = 0x2000_1000

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from elftools.elf.elffile import ELFFile
 
-from codegen.operations.intervals import hull
-from codegen.run import cortex, ecu_traffic, memory_image, native
-from codegen.worst_case import firmware_bound as worst
-from codegen.worst_case import library, longest_path
-from codegen.worst_case.cycles import Timing
-from codegen.worst_case.machine_code import SWITCHES, MachineImage
-from codegen.worst_case.machine_state import N_REGISTERS
-from firmware.calibration import PROPAGATED_COVARIANCE, Calibration
-from firmware.state import Ecu
+from canroll.codegen.operations.intervals import hull
+from canroll.codegen.run import cortex, ecu_traffic, memory_image, native
+from canroll.codegen.worst_case import firmware_bound as worst
+from canroll.codegen.worst_case import library, longest_path
+from canroll.codegen.worst_case.cycles import Timing
+from canroll.codegen.worst_case.machine_code import SWITCHES, MachineImage
+from canroll.codegen.worst_case.machine_state import N_REGISTERS
+from canroll.firmware.calibration import PROPAGATED_COVARIANCE, Calibration
+from canroll.firmware.state import Ecu
 
 RETURN = 0x2000_3F00
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from codegen.run import cortex
-from codegen.worst_case.machine_code import MachineImage
-from codegen.worst_case.machine_state import MachineState, Promises, Value
-from codegen.worst_case.transfer import BRANCHES, Transfer
+from canroll.codegen.run import cortex
+from canroll.codegen.worst_case.machine_code import MachineImage
+from canroll.codegen.worst_case.machine_state import MachineState, Promises, Value
+from canroll.codegen.worst_case.transfer import BRANCHES, Transfer
 
 SCRATCH = 0x2000_2000
 

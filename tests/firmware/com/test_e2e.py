@@ -9,10 +9,10 @@ from e2e import p01
 from hypothesis import given
 from hypothesis import strategies as st
 
-import dbc
-from firmware.calibration import N_RX, Calibration
-from firmware.com import e2e, protection
-from firmware.state import Ecu
+from canroll import dbc
+from canroll.firmware.calibration import N_RX, Calibration
+from canroll.firmware.com import e2e, protection
+from canroll.firmware.state import Ecu
 
 PROTECTED = [m for m in rig.DATABASE.messages if dbc.data_id(m)]
 payloads = st.binary(min_size=8, max_size=8)

@@ -7,8 +7,8 @@ from fractions import Fraction
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from firmware.com.float32 import code_of, fixed_of
-from firmware.subset import I32_MAX, I32_MIN, clamp
+from canroll.firmware.com.float32 import code_of, fixed_of
+from canroll.firmware.subset import I32_MAX, I32_MIN, clamp
 
 codes = st.integers(I32_MIN, I32_MAX)
 sized = st.integers(100 << 23, 155 << 23)

@@ -6,9 +6,9 @@ import rig
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware.com import signals
-from firmware.state import RX_ACTUATOR_STATE, Ecu
-from firmware.subset import fields
+from canroll.firmware.com import signals
+from canroll.firmware.state import RX_ACTUATOR_STATE, Ecu
+from canroll.firmware.subset import fields
 
 DEG = np.pi / 180
 # signal, field, element, factor from the DBC's unit to the field's, fractional bits

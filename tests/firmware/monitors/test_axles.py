@@ -5,12 +5,12 @@ import pytest
 import rig
 from scipy.integrate import solve_ivp
 
-from firmware import calibration as fw
-from firmware import plausibility as sv
-from firmware.monitors.axles import watch_axles
-from firmware.monitors.residual import AXLES
-from firmware.state import RX_IMU, SAFE, Ecu
-from firmware.supervisor import supervise
+from canroll.firmware import calibration as fw
+from canroll.firmware import plausibility as sv
+from canroll.firmware.monitors.axles import watch_axles
+from canroll.firmware.monitors.residual import AXLES
+from canroll.firmware.state import RX_IMU, SAFE, Ecu
+from canroll.firmware.supervisor import supervise
 
 VAN, TRACK, STEP = rig.VAN, 2.0 * rig.VAN.half_track, 0.01
 LOW_PASS, WASHOUT = 0.05, 1.26

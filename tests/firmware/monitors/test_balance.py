@@ -5,8 +5,8 @@ import pytest
 import rig
 from scipy.signal import lfilter
 
-from firmware import calibration as fw
-from firmware.monitors.residual import (
+from canroll.firmware import calibration as fw
+from canroll.firmware.monitors.residual import (
     AXLES,
     BODY,
     DAMPER_STEPS,

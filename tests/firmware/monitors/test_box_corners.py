@@ -14,16 +14,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import StateSpace, lsim
 
-from firmware import calibration as fw
-from firmware.monitors.axles import watch_axles, watch_heave
-from firmware.monitors.residual import HEAVE
-from firmware.monitors.response import road_uncertainty
-from firmware.state import RX_IMU, Ecu
-from gain_gen.calibration.response_part import response_fields
-from gain_gen.models.task import Delay, Task
-from gain_gen.monitors.uncertainty import DEFAULT as BOX
-from vehicles import GRAVITY, Vehicle, load
-from vehicles.roll_stiffness import suspension_roll_stiffness
+from canroll.firmware import calibration as fw
+from canroll.firmware.monitors.axles import watch_axles, watch_heave
+from canroll.firmware.monitors.residual import HEAVE
+from canroll.firmware.monitors.response import road_uncertainty
+from canroll.firmware.state import RX_IMU, Ecu
+from canroll.gain_gen.calibration.response_part import response_fields
+from canroll.gain_gen.models.task import Delay, Task
+from canroll.gain_gen.monitors.uncertainty import DEFAULT as BOX
+from canroll.vehicles import GRAVITY, Vehicle, load
+from canroll.vehicles.roll_stiffness import suspension_roll_stiffness
 
 pytestmark = pytest.mark.slow
 

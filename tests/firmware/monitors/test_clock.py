@@ -3,11 +3,11 @@
 import pytest
 import rig
 
-from firmware import calibration as fw
-from firmware.com.signals import RX_SIGNALS
-from firmware.monitors.samples import watch_samples
-from firmware.plausibility import FAULT_SAMPLE_RATE_OFF
-from firmware.state import ACTIVE, AGE_MAX, RX_IMU, Ecu
+from canroll.firmware import calibration as fw
+from canroll.firmware.com.signals import RX_SIGNALS
+from canroll.firmware.monitors.samples import watch_samples
+from canroll.firmware.plausibility import FAULT_SAMPLE_RATE_OFF
+from canroll.firmware.state import ACTIVE, AGE_MAX, RX_IMU, Ecu
 
 BIT = 1 << FAULT_SAMPLE_RATE_OFF
 TICK, PERIOD, LIMIT, WINDOW, TIMEOUT = 10_000, 10_000, 40_000, 200, 5

@@ -3,11 +3,11 @@
 import pytest
 import rig
 
-from firmware import calibration as fw
-from firmware import plausibility as sv
-from firmware.com.signals import RX_SIGNALS
-from firmware.monitors.delivery import note_command, watch_delivery
-from firmware.state import DEGRADED, RX_ACTUATOR_STATE, SAFE, Ecu
+from canroll.firmware import calibration as fw
+from canroll.firmware import plausibility as sv
+from canroll.firmware.com.signals import RX_SIGNALS
+from canroll.firmware.monitors.delivery import note_command, watch_delivery
+from canroll.firmware.state import DEGRADED, RX_ACTUATOR_STATE, SAFE, Ecu
 
 HALF_TRACK = 0.87
 WINDOW, SAMPLES = 8, 4

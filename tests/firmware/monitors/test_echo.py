@@ -3,12 +3,12 @@
 import pytest
 import rig
 
-from firmware.com import protection
-from firmware.monitors.echo import LATE_ECHOES, note_echo, note_sent, watch_echo
-from firmware.monitors.residual import ECHO
-from firmware.plausibility import FAULT_COMMAND, FAULT_COMMAND_LATE
-from firmware.state import ACTIVE, N_SENT, TX_SUSPENSION_FORCE
-from firmware.subset import I32_MAX, I32_MIN
+from canroll.firmware.com import protection
+from canroll.firmware.monitors.echo import LATE_ECHOES, note_echo, note_sent, watch_echo
+from canroll.firmware.monitors.residual import ECHO
+from canroll.firmware.plausibility import FAULT_COMMAND, FAULT_COMMAND_LATE
+from canroll.firmware.state import ACTIVE, N_SENT, TX_SUSPENSION_FORCE
+from canroll.firmware.subset import I32_MAX, I32_MIN
 
 BIT = 1 << FAULT_COMMAND_LATE
 DUE = 5

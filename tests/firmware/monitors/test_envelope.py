@@ -5,10 +5,10 @@ import rig
 from hypothesis import given as over
 from hypothesis import strategies as st
 
-from firmware import calibration as fw
-from firmware import plausibility as sv
-from firmware.monitors import envelope
-from firmware.state import AGE_MAX, RX_IMU, RX_ROLL_REFERENCE
+from canroll.firmware import calibration as fw
+from canroll.firmware import plausibility as sv
+from canroll.firmware.monitors import envelope
+from canroll.firmware.state import AGE_MAX, RX_IMU, RX_ROLL_REFERENCE
 
 NM = 1 << fw.Q_MOMENT
 ACCELERATION = 1 << fw.Q_ACCELERATION

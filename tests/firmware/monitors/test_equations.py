@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import rig
 
-from firmware import calibration as fw
-from firmware.monitors import axles, response, rolling
-from firmware.monitors import residual as rows
-from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, Ecu
+from canroll.firmware import calibration as fw
+from canroll.firmware.monitors import axles, response, rolling
+from canroll.firmware.monitors import residual as rows
+from canroll.firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, Ecu
 
 PASS, QUICK, SLOW, OF_AXLES = 0.2, 0.05, 0.0008, 0.0126
 FADING = PASS / 8.0

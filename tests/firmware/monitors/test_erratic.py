@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import rig
 
-from firmware import calibration as fw
-from firmware.com.signals import RX_SIGNALS
-from firmware.monitors.samples import watch_samples
-from firmware.plausibility import FAULT_SENSOR_ERRATIC
-from firmware.state import RX_IMU, RX_VEHICLE_MOTION, Ecu
+from canroll.firmware import calibration as fw
+from canroll.firmware.com.signals import RX_SIGNALS
+from canroll.firmware.monitors.samples import watch_samples
+from canroll.firmware.plausibility import FAULT_SENSOR_ERRATIC
+from canroll.firmware.state import RX_IMU, RX_VEHICLE_MOTION, Ecu
 
 BIT = 1 << FAULT_SENSOR_ERRATIC
 # message, name, bit of ecu.valid, format, largest second difference (SI units)

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import rig
 
-from firmware import calibration as fw
-from firmware import plausibility as sv
-from firmware.monitors.axles import watch_heave
-from firmware.monitors.residual import HEAVE
-from firmware.state import SAFE, Ecu
-from firmware.supervisor import supervise
+from canroll.firmware import calibration as fw
+from canroll.firmware import plausibility as sv
+from canroll.firmware.monitors.axles import watch_heave
+from canroll.firmware.monitors.residual import HEAVE
+from canroll.firmware.state import SAFE, Ecu
+from canroll.firmware.supervisor import supervise
 
 STEP = 0.01
 MASS = rig.VAN.mass

@@ -3,10 +3,10 @@
 import pytest
 import rig
 
-from firmware import calibration as fw
-from firmware.ecu import receive
-from firmware.plausibility import FAULT_OWN_IDENTIFIER_HEARD
-from firmware.state import (
+from canroll.firmware import calibration as fw
+from canroll.firmware.ecu import receive
+from canroll.firmware.plausibility import FAULT_OWN_IDENTIFIER_HEARD
+from canroll.firmware.state import (
     ACTIVE,
     TX_ANTI_ROLL_BAR,
     TX_DIAGNOSTICS,

@@ -3,13 +3,13 @@
 import pytest
 import rig
 
-from firmware import calibration as fw
-from firmware import plausibility as sv
-from firmware.com.signals import RX_SIGNALS
-from firmware.fixed_point import magnitude
-from firmware.monitors.redundancy import watch_redundancy
-from firmware.monitors.residual import gap, side_of
-from firmware.state import DEGRADED, GYRO_BIAS, RX_IMU, SAFE, Ecu
+from canroll.firmware import calibration as fw
+from canroll.firmware import plausibility as sv
+from canroll.firmware.com.signals import RX_SIGNALS
+from canroll.firmware.fixed_point import magnitude
+from canroll.firmware.monitors.redundancy import watch_redundancy
+from canroll.firmware.monitors.residual import gap, side_of
+from canroll.firmware.state import DEGRADED, GYRO_BIAS, RX_IMU, SAFE, Ecu
 
 ACCELERATION = 2**fw.Q_ACCELERATION
 SPEED = 20.0

@@ -6,11 +6,11 @@ import rig
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from firmware import calibration as fw
-from firmware import plausibility as sv
-from firmware.com.signals import RX_SIGNALS
-from firmware.monitors.residual import BODY, DAMPERS, LATERAL, STEADY
-from firmware.monitors.response import (
+from canroll.firmware import calibration as fw
+from canroll.firmware import plausibility as sv
+from canroll.firmware.com.signals import RX_SIGNALS
+from canroll.firmware.monitors.residual import BODY, DAMPERS, LATERAL, STEADY
+from canroll.firmware.monitors.response import (
     BOTH,
     ONE_BALANCE,
     force_uncertainty,
@@ -18,8 +18,8 @@ from firmware.monitors.response import (
     watch_model,
     watch_response,
 )
-from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, SAFE, Ecu
-from firmware.supervisor import supervise
+from canroll.firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, SAFE, Ecu
+from canroll.firmware.supervisor import supervise
 
 VAN, TRACK, STEP = rig.VAN, 2.0 * rig.VAN.half_track, 0.01
 LOW_PASS, WASHOUT, SLOW = 0.05, 5.0, 0.08

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import rig
 
-from firmware import calibration as fw
-from firmware import plausibility as sv
-from firmware.monitors.rolling import watch_rolling
-from firmware.state import RX_IMU, RX_SUSPENSION_RATE, SAFE, Ecu
-from firmware.supervisor import supervise
+from canroll.firmware import calibration as fw
+from canroll.firmware import plausibility as sv
+from canroll.firmware.monitors.rolling import watch_rolling
+from canroll.firmware.state import RX_IMU, RX_SUSPENSION_RATE, SAFE, Ecu
+from canroll.firmware.supervisor import supervise
 
 TRACKS = np.array([1.6, 1.5])
 STEP, LEAST, TICKS = 0.01, 0.1, 8

@@ -5,9 +5,9 @@ import rig
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware.monitors.speed import watch_speed
-from firmware.plausibility import FAULT_SPEED
-from firmware.state import RX_VEHICLE_MOTION
+from canroll.firmware.monitors.speed import watch_speed
+from canroll.firmware.plausibility import FAULT_SPEED
+from canroll.firmware.state import RX_VEHICLE_MOTION
 
 FALL, NOISE = 1000, 300
 WALKING = 50_000

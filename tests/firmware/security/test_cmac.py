@@ -6,9 +6,9 @@ from cryptography.hazmat.primitives.cmac import CMAC
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware.security import aes, secoc
-from firmware.security.cmac import cmac
-from firmware.security.secoc_state import MESSAGE_MAX, Secoc
+from canroll.firmware.security import aes, secoc
+from canroll.firmware.security.cmac import cmac
+from canroll.firmware.security.secoc_state import MESSAGE_MAX, Secoc
 
 KEY = bytes.fromhex("2b7e151628aed2a6abf7158809cf4f3c")
 MESSAGE = bytes.fromhex(

@@ -6,10 +6,10 @@ import pytest
 from cryptography.hazmat.primitives.ciphers import algorithms
 from cryptography.hazmat.primitives.cmac import CMAC
 
-from firmware.com.protection import RX_DATA_IDS, TX_DATA_IDS
-from firmware.security import secoc
-from firmware.security.secoc_state import COUNTER_MAX, RESET_MAX, SECURED, Secoc
-from firmware.state import RX_IMU, TX_ANTI_ROLL_BAR, TX_STATUS
+from canroll.firmware.com.protection import RX_DATA_IDS, TX_DATA_IDS
+from canroll.firmware.security import secoc
+from canroll.firmware.security.secoc_state import COUNTER_MAX, RESET_MAX, SECURED, Secoc
+from canroll.firmware.state import RX_IMU, TX_ANTI_ROLL_BAR, TX_STATUS
 
 KEY = bytes(range(100, 116))
 PAYLOAD = bytes.fromhex("1122334455667788")

@@ -6,21 +6,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gain_gen.analysis.delay_system import (
+from canroll.gain_gen.analysis.delay_system import (
     chebyshev,
     closed_loop_response,
     h_infinity,
     largest_delay,
     rightmost_root,
 )
-from gain_gen.models.roll import (
+from canroll.gain_gen.models.roll import (
     PERFORMANCE,
     ROLL_RATE,
     disturbance_input,
     moment_input,
     state_matrix,
 )
-from vehicles import load
+from canroll.vehicles import load
 
 
 @pytest.fixture(scope="module")

@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-import vehicles
-from gain_gen.analysis.actuated_car import actuated
-from gain_gen.analysis.family import CONDITIONS, NOMINAL, _built, car_in, family, family_of
-from gain_gen.analysis.margins import margins
-from gain_gen.analysis.sampled_loop import loop_gain, spectral_radius
-from gain_gen.laws import LAWS
-from gain_gen.laws.roll_rate_feedback import static_controller
-from gain_gen.laws.state_feedback import actuator_rate, observer_of
-from gain_gen.laws.state_gains import riccati_gain
-from gain_gen.models.controller import LinearController
-from gain_gen.models.state_space import StateSpace
-from gain_gen.models.task import Delay, Task
-from plant_sim import bodies
-from plant_sim.bodies import ports
-from plant_sim.world.linearise import IMU_LATERAL_ACCELERATION, find_trim, linearise
+from canroll import vehicles
+from canroll.gain_gen.analysis.actuated_car import actuated
+from canroll.gain_gen.analysis.family import CONDITIONS, NOMINAL, _built, car_in, family, family_of
+from canroll.gain_gen.analysis.margins import margins
+from canroll.gain_gen.analysis.sampled_loop import loop_gain, spectral_radius
+from canroll.gain_gen.laws import LAWS
+from canroll.gain_gen.laws.roll_rate_feedback import static_controller
+from canroll.gain_gen.laws.state_feedback import actuator_rate, observer_of
+from canroll.gain_gen.laws.state_gains import riccati_gain
+from canroll.gain_gen.models.controller import LinearController
+from canroll.gain_gen.models.state_space import StateSpace
+from canroll.gain_gen.models.task import Delay, Task
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.world.linearise import IMU_LATERAL_ACCELERATION, find_trim, linearise
 
 DELAYS = {"500k": (5.6, 23.1), "gateway_20ms": (16.1, 50.2), "gateway_50ms": (106.0, 130.0)}
 
@@ -97,8 +97,10 @@ def test_margins_are_those_of_the_linearised_plant(bus, controller, monkeypatch)
     task = task_on(bus)
     loop = controller(task)
     found = part_of(task, (NOMINAL,)).margins(loop).rows
-    monkeypatch.setattr("gain_gen.analysis.family.linear_car", of_plant)
-    monkeypatch.setattr("gain_gen.analysis.family._built", _built.__wrapped__)  # not from the cache
+    monkeypatch.setattr("canroll.gain_gen.analysis.family.linear_car", of_plant)
+    monkeypatch.setattr(
+        "canroll.gain_gen.analysis.family._built", _built.__wrapped__
+    )  # not from the cache
     wanted = part_of(task, (NOMINAL,)).margins(loop).rows
     assert found != wanted
     for mine, other in zip(found, wanted, strict=True):

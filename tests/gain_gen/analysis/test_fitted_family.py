@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
-from gain_gen.analysis import fitted_family
-from gain_gen.analysis.family import family_of
-from gain_gen.analysis.fitted_family import margins_of_draws, with_draws
-from gain_gen.analysis.sampled_loop import spectral_radius
-from gain_gen.design import design
-from gain_gen.laws.roll_rate_feedback import static_controller
-from gain_gen.models.controller import scaled_controller
-from gain_gen.models.task import Delay, Task
-from vehicles.draws.fitted_cars import DRAWS, SEED
+from canroll.gain_gen.analysis import fitted_family
+from canroll.gain_gen.analysis.family import family_of
+from canroll.gain_gen.analysis.fitted_family import margins_of_draws, with_draws
+from canroll.gain_gen.analysis.sampled_loop import spectral_radius
+from canroll.gain_gen.design import design
+from canroll.gain_gen.laws.roll_rate_feedback import static_controller
+from canroll.gain_gen.models.controller import scaled_controller
+from canroll.gain_gen.models.task import Delay, Task
+from canroll.vehicles.draws.fitted_cars import DRAWS, SEED
 
 pytestmark = pytest.mark.slow
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-import vehicles
-from gain_gen.analysis.family import family_of
-from gain_gen.analysis.held_plant import aliased, command_response, held
-from gain_gen.analysis.margins import jitter_level
-from gain_gen.laws.roll_rate_feedback import static_controller
-from gain_gen.models.state_space import resolvent_rows
-from gain_gen.models.task import Delay, Task
+from canroll import vehicles
+from canroll.gain_gen.analysis.family import family_of
+from canroll.gain_gen.analysis.held_plant import aliased, command_response, held
+from canroll.gain_gen.analysis.margins import jitter_level
+from canroll.gain_gen.laws.roll_rate_feedback import static_controller
+from canroll.gain_gen.models.state_space import resolvent_rows
+from canroll.gain_gen.models.task import Delay, Task
 
 TICK = 0.3
 LAG = (np.array([[-1.0]]), np.array([[1.0]]), np.array([[1.0]]))

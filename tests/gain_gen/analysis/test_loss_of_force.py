@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import vehicles
+from canroll import vehicles
+from canroll.gain_gen.analysis.loss_of_force import overshoot, tipping_acceleration, warnings
 from canroll.runs.experiment import drive, plan
-from gain_gen.analysis.loss_of_force import overshoot, tipping_acceleration, warnings
 
 
 @pytest.mark.parametrize("damping", [0.1, 0.4, 0.9])

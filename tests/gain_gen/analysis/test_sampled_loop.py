@@ -6,13 +6,13 @@ import control
 import numpy as np
 import pytest
 
-from gain_gen.analysis.margins import largest_delay_from, margins
-from gain_gen.analysis.sampled_loop import build, loop_gain, roll_rms, spectral_radius
-from gain_gen.laws.state_gains import lqr, yim_weights
-from gain_gen.models.controller import LinearController, matrices, step
-from gain_gen.models.observer import LateralModel, SensorNoise, kalman, observer_model
-from gain_gen.models.roll import state_matrix
-from vehicles import GRAVITY, load
+from canroll.gain_gen.analysis.margins import largest_delay_from, margins
+from canroll.gain_gen.analysis.sampled_loop import build, loop_gain, roll_rms, spectral_radius
+from canroll.gain_gen.laws.state_gains import lqr, yim_weights
+from canroll.gain_gen.models.controller import LinearController, matrices, step
+from canroll.gain_gen.models.observer import LateralModel, SensorNoise, kalman, observer_model
+from canroll.gain_gen.models.roll import state_matrix
+from canroll.vehicles import GRAVITY, load
 
 TICK = 0.01
 LAG = 0.015

@@ -6,12 +6,12 @@ import control
 import numpy as np
 import pytest
 
-import vehicles
-from firmware.com.signals import RX_SIGNALS
-from firmware.schedule import schedule
-from firmware.state import RX_VEHICLE_MOTION, Ecu
-from gain_gen.analysis.family import Condition, family
-from gain_gen.analysis.speed_schedule import (
+from canroll import vehicles
+from canroll.firmware.com.signals import RX_SIGNALS
+from canroll.firmware.schedule import schedule
+from canroll.firmware.state import RX_VEHICLE_MOTION, Ecu
+from canroll.gain_gen.analysis.family import Condition, family
+from canroll.gain_gen.analysis.speed_schedule import (
     GAIN_MARGIN_DB,
     PEAK_SENSITIVITY,
     checked_speed_rate,
@@ -19,12 +19,12 @@ from gain_gen.analysis.speed_schedule import (
     speeds_of,
     with_speed_rate,
 )
-from gain_gen.calibration.dequantise import dequantise
-from gain_gen.calibration.freeze import calibrate
-from gain_gen.design import design
-from gain_gen.laws import LAWS
-from gain_gen.models.controller import SPEEDS, scaled_controller
-from gain_gen.models.task import Check, Delay, Task
+from canroll.gain_gen.calibration.dequantise import dequantise
+from canroll.gain_gen.calibration.freeze import calibrate
+from canroll.gain_gen.design import design
+from canroll.gain_gen.laws import LAWS
+from canroll.gain_gen.models.controller import SPEEDS, scaled_controller
+from canroll.gain_gen.models.task import Check, Delay, Task
 
 SLOW_BUS = Delay(0.118, 0.106, 0.130)
 

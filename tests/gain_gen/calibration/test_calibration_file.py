@@ -14,30 +14,30 @@ import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
 
-import vehicles
+from canroll import vehicles
 from canroll.cli.main import main
+from canroll.codegen.c99.text import plain
+from canroll.codegen.export.header import gains_header
+from canroll.codegen.run.memory_image import sealed
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
-from codegen.c99.text import plain
-from codegen.export.header import gains_header
-from codegen.run.memory_image import sealed
-from firmware.calibration import COEFFICIENT, STATE_MAX, Calibration
-from firmware.check import check
-from firmware.subset import fields
-from gain_gen.calibration import calibration_file
-from gain_gen.calibration.dequantise import dequantise, physical_notes
-from gain_gen.calibration.freeze import calibrate
-from gain_gen.calibration.options import QuantiseOptions
-from gain_gen.calibration.record import fill, flatten, identify, packed
-from gain_gen.calibration.rounding_error import integer_loop, manoeuvre_error, measured
-from gain_gen.calibration.rows import quantise, quantise_row
-from gain_gen.calibration.summary import summary, title
-from gain_gen.calibration.vehicle_part import damper_knee, moment_limit
-from gain_gen.design import design
-from gain_gen.laws import LAWS
-from gain_gen.margin_report import margin_report
-from gain_gen.models.controller import matrices
-from gain_gen.models.task import Delay, Task
-from vehicles import load
+from canroll.firmware.calibration import COEFFICIENT, STATE_MAX, Calibration
+from canroll.firmware.check import check
+from canroll.firmware.subset import fields
+from canroll.gain_gen.calibration import calibration_file
+from canroll.gain_gen.calibration.dequantise import dequantise, physical_notes
+from canroll.gain_gen.calibration.freeze import calibrate
+from canroll.gain_gen.calibration.options import QuantiseOptions
+from canroll.gain_gen.calibration.record import fill, flatten, identify, packed
+from canroll.gain_gen.calibration.rounding_error import integer_loop, manoeuvre_error, measured
+from canroll.gain_gen.calibration.rows import quantise, quantise_row
+from canroll.gain_gen.calibration.summary import summary, title
+from canroll.gain_gen.calibration.vehicle_part import damper_knee, moment_limit
+from canroll.gain_gen.design import design
+from canroll.gain_gen.laws import LAWS
+from canroll.gain_gen.margin_report import margin_report
+from canroll.gain_gen.models.controller import matrices
+from canroll.gain_gen.models.task import Delay, Task
+from canroll.vehicles import load
 
 
 def task(vehicle="van_real", delay=0.02, **options):

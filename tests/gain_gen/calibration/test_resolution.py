@@ -7,9 +7,9 @@ from types import SimpleNamespace
 
 import pytest
 
+from canroll.codegen.generated.bus_map import load
 from canroll.errors import CanrollError
-from codegen.generated.bus_map import load
-from gain_gen.calibration.resolution import of_bus, of_calibration, of_contract
+from canroll.gain_gen.calibration.resolution import of_bus, of_calibration, of_contract
 
 OWN = Path(__file__).parents[3] / "examples" / "own_bus"
 

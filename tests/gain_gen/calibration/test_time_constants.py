@@ -5,20 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware import calibration as fw
-from firmware.com.signals import RX_SIGNALS
-from firmware.monitors.redundancy import watch_redundancy
-from firmware.monitors.residual import DAMPER_STEPS, DAMPERS, MIRRORED, STEERED, mean_step
-from firmware.monitors.samples import watch_samples
-from firmware.observer import learn_offsets
-from firmware.state import RX_IMU, RX_VEHICLE_MOTION, Ecu
-from gain_gen.calibration.monitor_part import erratic_fields, monitor_fields
-from gain_gen.calibration.record import fill
-from gain_gen.calibration.response_part import response_fields
-from gain_gen.calibration.vehicle_part import vehicle_fields
-from gain_gen.models.task import Delay, Task
-from gain_gen.monitors.uncertainty import DEFAULT
-from vehicles import load
+from canroll.firmware import calibration as fw
+from canroll.firmware.com.signals import RX_SIGNALS
+from canroll.firmware.monitors.redundancy import watch_redundancy
+from canroll.firmware.monitors.residual import DAMPER_STEPS, DAMPERS, MIRRORED, STEERED, mean_step
+from canroll.firmware.monitors.samples import watch_samples
+from canroll.firmware.observer import learn_offsets
+from canroll.firmware.state import RX_IMU, RX_VEHICLE_MOTION, Ecu
+from canroll.gain_gen.calibration.monitor_part import erratic_fields, monitor_fields
+from canroll.gain_gen.calibration.record import fill
+from canroll.gain_gen.calibration.response_part import response_fields
+from canroll.gain_gen.calibration.vehicle_part import vehicle_fields
+from canroll.gain_gen.models.task import Delay, Task
+from canroll.gain_gen.monitors.uncertainty import DEFAULT
+from canroll.vehicles import load
 
 TICKS = (0.002, 0.005, 0.01, 0.02)
 USUAL = (0.01, 0.02)

@@ -7,29 +7,29 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from canroll.errors import VerdictError
-from gain_gen.analysis.certificates import (
+from canroll.gain_gen.analysis.certificates import (
     certified_level,
     event_block,
     event_small_gain,
     largest_eigenvalue,
     si_plant,
 )
-from gain_gen.design import design
-from gain_gen.laws.hinf_delay import design_hinf_delay
-from gain_gen.laws.hinf_event import design_hinf_event
-from gain_gen.laws.hinf_state import design_state_hinf, discrete_level
-from gain_gen.laws.lmi import Clock, event_point, fixed_lyapunov_certificate
-from gain_gen.laws.roll_rate_feedback import (
+from canroll.gain_gen.design import design
+from canroll.gain_gen.laws.hinf_delay import design_hinf_delay
+from canroll.gain_gen.laws.hinf_event import design_hinf_event
+from canroll.gain_gen.laws.hinf_state import design_state_hinf, discrete_level
+from canroll.gain_gen.laws.lmi import Clock, event_point, fixed_lyapunov_certificate
+from canroll.gain_gen.laws.roll_rate_feedback import (
     design_hinf_nodelay,
     exact_gamma,
     exact_optimum,
     normalised_plant,
 )
-from gain_gen.laws.state_gains import discrete_plant, yim_weights
-from gain_gen.models.roll import ROLL_RATE, normalise
-from gain_gen.models.state_space import StateSpace
-from gain_gen.models.task import Delay, Task
-from vehicles import load
+from canroll.gain_gen.laws.state_gains import discrete_plant, yim_weights
+from canroll.gain_gen.models.roll import ROLL_RATE, normalise
+from canroll.gain_gen.models.state_space import StateSpace
+from canroll.gain_gen.models.task import Delay, Task
+from canroll.vehicles import load
 
 PRINTED_P = np.array([[14.306391, 0.607416], [0.607416, 0.464377]])
 

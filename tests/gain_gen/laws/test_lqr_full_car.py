@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
-from firmware.calibration import Q_MOMENT
-from gain_gen.calibration.freeze import calibrate
-from gain_gen.design import design
-from gain_gen.laws.compensator import COMPENSATOR_SIGMA, checked, scaled_states
-from gain_gen.laws.lqr_full_car import closed_loop, rolling, sampled_car
-from gain_gen.models.controller import Compensator
-from gain_gen.models.full_car import (
+from canroll.firmware.calibration import Q_MOMENT
+from canroll.gain_gen.calibration.freeze import calibrate
+from canroll.gain_gen.design import design
+from canroll.gain_gen.laws.compensator import COMPENSATOR_SIGMA, checked, scaled_states
+from canroll.gain_gen.laws.lqr_full_car import closed_loop, rolling, sampled_car
+from canroll.gain_gen.models.controller import Compensator
+from canroll.gain_gen.models.full_car import (
     CURRENTS,
     INPUTS,
     ROLL,
@@ -23,13 +23,13 @@ from gain_gen.models.full_car import (
     reduction_db,
     weights,
 )
-from gain_gen.models.roll import stationary_covariance, zero_order_hold
-from gain_gen.models.state_space import StateSpace
-from gain_gen.models.task import Delay, Task
-from plant_sim.bodies import linear_car, ports
-from plant_sim.world.linearise import IMU_LATERAL_ACCELERATION, find_trim, linearise
-from vehicles import load
-from vehicles.full_car import AS_PRINTED, REPAIRED
+from canroll.gain_gen.models.roll import stationary_covariance, zero_order_hold
+from canroll.gain_gen.models.state_space import StateSpace
+from canroll.gain_gen.models.task import Delay, Task
+from canroll.plant_sim.bodies import linear_car, ports
+from canroll.plant_sim.world.linearise import IMU_LATERAL_ACCELERATION, find_trim, linearise
+from canroll.vehicles import load
+from canroll.vehicles.full_car import AS_PRINTED, REPAIRED
 
 
 def task(vehicle="car_2020", **options):
@@ -119,7 +119,7 @@ def test_compensator_keeps_the_benefit_of_the_full_state(answer):
 
 def test_closed_loop_matrix_is_what_a_step_by_step_simulation_does(answer):
     """Steering step through the sampled car, delay line and the ECU's own step."""
-    from gain_gen.models.controller import step
+    from canroll.gain_gen.models.controller import step
 
     car = sampled_car(full_car_model(REPAIRED, SPEED), 0.01)
     controller = answer.controller

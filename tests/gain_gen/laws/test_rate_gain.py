@@ -4,22 +4,22 @@ import control
 import numpy as np
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError, VerdictError
-from gain_gen.analysis.family import family_of
-from gain_gen.analysis.level_certificate import (
+from canroll.gain_gen.analysis.family import family_of
+from canroll.gain_gen.analysis.level_certificate import (
     LEVEL_UNIT,
     bound_over_delays,
     delay_grid,
     switched_loop,
 )
-from gain_gen.analysis.sampled_loop import response_peak
-from gain_gen.analysis.verify import passive_controller
-from gain_gen.design import design
-from gain_gen.laws.lmi import Clock, certify_level
-from gain_gen.laws.rate_gain import best_rate_gain, free_peak
-from gain_gen.laws.roll_rate_feedback import static_controller
-from gain_gen.models.task import Delay, Task
+from canroll.gain_gen.analysis.sampled_loop import response_peak
+from canroll.gain_gen.analysis.verify import passive_controller
+from canroll.gain_gen.design import design
+from canroll.gain_gen.laws.lmi import Clock, certify_level
+from canroll.gain_gen.laws.rate_gain import best_rate_gain, free_peak
+from canroll.gain_gen.laws.roll_rate_feedback import static_controller
+from canroll.gain_gen.models.task import Delay, Task
 
 DELAYS = {"500k": (5.6e-3, 23.1e-3), "gateway_20ms": (16.1e-3, 50.2e-3)}
 GATEWAY_50MS = (0.106, 0.130)

@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from gain_gen.laws.state_gains import (
+from canroll.gain_gen.laws.state_gains import (
     discrete_plant,
     disturbance_feedforward,
     lqr,
     sliding_mode,
     yim_weights,
 )
-from gain_gen.models.observer import (
+from canroll.gain_gen.models.observer import (
     LateralModel,
     SensorNoise,
     bias_response,
@@ -21,7 +21,7 @@ from gain_gen.models.observer import (
     observer_model,
     steady_covariance,
 )
-from gain_gen.models.roll import (
+from canroll.gain_gen.models.roll import (
     disturbance_input,
     moment_input,
     normalise,
@@ -29,7 +29,7 @@ from gain_gen.models.roll import (
     state_matrix,
     zero_order_hold,
 )
-from vehicles import load
+from canroll.vehicles import load
 
 TICK = 0.01
 

@@ -4,15 +4,15 @@ import control
 import numpy as np
 import pytest
 
-import vehicles
-from gain_gen.analysis.family import NOMINAL, car_in, family_of
-from gain_gen.analysis.steering_response import steering_response
-from gain_gen.design import design
-from gain_gen.laws import LAWS
-from gain_gen.laws.steering_lead import CORNERS, Tuning, compensator, steering_model
-from gain_gen.models.controller import S_LATERAL, S_RATE, S_STEERING
-from gain_gen.models.linear_car import INPUTS, OUTPUTS
-from gain_gen.models.task import Delay, Task
+from canroll import vehicles
+from canroll.gain_gen.analysis.family import NOMINAL, car_in, family_of
+from canroll.gain_gen.analysis.steering_response import steering_response
+from canroll.gain_gen.design import design
+from canroll.gain_gen.laws import LAWS
+from canroll.gain_gen.laws.steering_lead import CORNERS, Tuning, compensator, steering_model
+from canroll.gain_gen.models.controller import S_LATERAL, S_RATE, S_STEERING
+from canroll.gain_gen.models.linear_car import INPUTS, OUTPUTS
+from canroll.gain_gen.models.task import Delay, Task
 
 TICK = 0.01
 DELAYS = {

@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import pytest
 
-import vehicles
-from gain_gen.calibration.freeze import calibrate
-from gain_gen.calibration.options import QuantiseOptions
-from gain_gen.calibration.vehicle_part import share_of
-from gain_gen.design import design
-from gain_gen.models.front_share import BAND, LEAST_BAND, MOST, front_share, understeer
-from gain_gen.models.task import Delay, Task
-from vehicles.unladen import unladen
+from canroll import vehicles
+from canroll.gain_gen.calibration.freeze import calibrate
+from canroll.gain_gen.calibration.options import QuantiseOptions
+from canroll.gain_gen.calibration.vehicle_part import share_of
+from canroll.gain_gen.design import design
+from canroll.gain_gen.models.front_share import BAND, LEAST_BAND, MOST, front_share, understeer
+from canroll.gain_gen.models.task import Delay, Task
+from canroll.vehicles.unladen import unladen
 
 VAN = vehicles.load("van_real")
 PRESETS = ("van_real", "suv_2020", "van_2021", "car_2020")

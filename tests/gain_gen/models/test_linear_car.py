@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
-from gain_gen.models.linear_car import OUTPUTS, linear_car
-from gain_gen.models.reduction import INPUT_SIZES, OUTPUT_SIZES, reduced
-from gain_gen.models.trim import most_lateral_acceleration, steady_curve
-from plant_sim.bodies import nonlinear_car, ports
-from plant_sim.nodes.imu_motion import FORCE, RATE, specific_motion
-from vehicles.axles import axles
-from vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
-from vehicles.unladen import empty_body, unladen
+from canroll.gain_gen.models.linear_car import OUTPUTS, linear_car
+from canroll.gain_gen.models.reduction import INPUT_SIZES, OUTPUT_SIZES, reduced
+from canroll.gain_gen.models.trim import most_lateral_acceleration, steady_curve
+from canroll.plant_sim.bodies import nonlinear_car, ports
+from canroll.plant_sim.nodes.imu_motion import FORCE, RATE, specific_motion
+from canroll.vehicles.axles import axles
+from canroll.vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
+from canroll.vehicles.unladen import empty_body, unladen
 
 FREQUENCIES = 2.0 * np.pi * np.geomspace(0.05, 10.0, 200)
 KMH = 1.0 / 3.6

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
-from firmware import calibration as fw
-from firmware.covariance import init_covariance, propagate, update
-from firmware.state import Ecu
-from gain_gen.calibration.freeze import calibrate
-from gain_gen.calibration.rows import Q_STATE
-from gain_gen.design import design
-from gain_gen.laws.state_feedback import STEERED, observer_of, sensor_noise
-from gain_gen.models.controller import matrices
-from gain_gen.models.observer import (
+from canroll.firmware import calibration as fw
+from canroll.firmware.covariance import init_covariance, propagate, update
+from canroll.firmware.state import Ecu
+from canroll.gain_gen.calibration.freeze import calibrate
+from canroll.gain_gen.calibration.rows import Q_STATE
+from canroll.gain_gen.design import design
+from canroll.gain_gen.laws.state_feedback import STEERED, observer_of, sensor_noise
+from canroll.gain_gen.models.controller import matrices
+from canroll.gain_gen.models.observer import (
     BIAS,
     JERK,
     LateralModel,
@@ -26,7 +26,7 @@ from gain_gen.models.observer import (
     observable_rank,
     observer_model,
 )
-from gain_gen.models.task import Delay, Task
+from canroll.gain_gen.models.task import Delay, Task
 
 TICK = 0.01
 LATERAL_ALONE = (1,)

@@ -5,10 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gain_gen.models.task import Delay, Task
-from gain_gen.monitors import noise
-from gain_gen.monitors.bank import DERIVATIVE, DIRECT, INTEGRAL, STEP, ResidualPart, Term, ticks_of
-from gain_gen.monitors.linear_car import (
+from canroll.gain_gen.models.task import Delay, Task
+from canroll.gain_gen.monitors import noise
+from canroll.gain_gen.monitors.bank import (
+    DERIVATIVE,
+    DIRECT,
+    INTEGRAL,
+    STEP,
+    ResidualPart,
+    Term,
+    ticks_of,
+)
+from canroll.gain_gen.monitors.linear_car import (
     car_of,
     deviation,
     effective_inertia,
@@ -16,9 +24,9 @@ from gain_gen.monitors.linear_car import (
     lifting,
     off_stops,
 )
-from gain_gen.monitors.residuals import bank_of
-from gain_gen.monitors.uncertainty import NOMINAL, Uncertainty, vertices
-from vehicles import GRAVITY, load
+from canroll.gain_gen.monitors.residuals import bank_of
+from canroll.gain_gen.monitors.uncertainty import NOMINAL, Uncertainty, vertices
+from canroll.vehicles import GRAVITY, load
 
 VEHICLES = ("van_real", "suv_2020", "sedan_320i", "van_2021", "van_2022", "car_2020")
 TICK = 0.01

@@ -6,9 +6,9 @@ from math import inf
 import numpy as np
 import pytest
 
-from gain_gen.models.task import Delay, Task
-from gain_gen.monitors.bank import DERIVATIVE, INTEGRAL, STEP
-from gain_gen.monitors.detectability import (
+from canroll.gain_gen.models.task import Delay, Task
+from canroll.gain_gen.monitors.bank import DERIVATIVE, INTEGRAL, STEP
+from canroll.gain_gen.monitors.detectability import (
     FAULTS,
     TOLERATED,
     Limit,
@@ -17,9 +17,9 @@ from gain_gen.monitors.detectability import (
     isolated,
     slalom,
 )
-from gain_gen.monitors.residuals import bank_of
-from gain_gen.monitors.uncertainty import Uncertainty
-from vehicles import load
+from canroll.gain_gen.monitors.residuals import bank_of
+from canroll.gain_gen.monitors.uncertainty import Uncertainty
+from canroll.vehicles import load
 
 TICK = 0.01
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
-from gain_gen.monitors.linear_car import axle_forces, car_of
-from gain_gen.monitors.shares import of_axles, of_lateral, of_moments
-from gain_gen.monitors.uncertainty import DEFAULT, Uncertainty, of_vehicle, stated
-from vehicles import GRAVITY, load
-from vehicles.fit_spread import FitSpread
-from vehicles.roll_stiffness import steady_roll
+from canroll.gain_gen.monitors.linear_car import axle_forces, car_of
+from canroll.gain_gen.monitors.shares import of_axles, of_lateral, of_moments
+from canroll.gain_gen.monitors.uncertainty import DEFAULT, Uncertainty, of_vehicle, stated
+from canroll.vehicles import GRAVITY, load
+from canroll.vehicles.fit_spread import FitSpread
+from canroll.vehicles.roll_stiffness import steady_roll
 
 BOXES = [DEFAULT, Uncertainty(mass=0.05, height=0.1, stiffness=0.3, moment=0.1)]
 

@@ -6,11 +6,11 @@ import pytest
 from rich.console import Console
 from support.bus_frames import frame
 
-import dbc
+from canroll import dbc
 from canroll.cli.watch import view
+from canroll.hil.watch.observation import Observation
+from canroll.plant_sim.can_bus.wire.frame import EXTENDED, REMOTE, length_of, worst_case_bits
 from canroll.reaction.fault_codes import FAULT_CODES
-from hil.watch.observation import Observation
-from plant_sim.can_bus.wire.frame import EXTENDED, REMOTE, length_of, worst_case_bits
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import can
 import pytest
 from support.bus_frames import frame
 
-from hil.watch.observation import Observation
-from hil.watch.onlooker import DRIFT, BusClock, Onlooker
+from canroll.hil.watch.observation import Observation
+from canroll.hil.watch.onlooker import DRIFT, BusClock, Onlooker
 
 
 def message(name, stamp, **signals):

@@ -6,13 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import vehicles
-from plant_sim import bodies
-from plant_sim.bodies import curves, nonlinear_car, parameters, ports
-from plant_sim.world import handling, open_loop
-from vehicles.axles import axles
-from vehicles.roll_stiffness import suspension_roll_stiffness
-from vehicles.unladen import unladen
+from canroll import vehicles
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import curves, nonlinear_car, parameters, ports
+from canroll.plant_sim.world import handling, open_loop
+from canroll.vehicles.axles import axles
+from canroll.vehicles.roll_stiffness import suspension_roll_stiffness
+from canroll.vehicles.unladen import unladen
 
 BODY = bodies.body("nonlinear")
 BASE = vehicles.load("sedan_320i")

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.balance import Balance
 
-import vehicles
-from plant_sim.bodies import nonlinear_car as car
-from plant_sim.bodies import ports
-from plant_sim.world.open_loop import advance
+from canroll import vehicles
+from canroll.plant_sim.bodies import nonlinear_car as car
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.world.open_loop import advance
 
 RELATIVE = 1e-9
 G = vehicles.GRAVITY

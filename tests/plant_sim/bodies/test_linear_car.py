@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.car_bodies import axles_of
 
-import vehicles
-from plant_sim import bodies
-from plant_sim.bodies import linear_car, ports
-from plant_sim.world import open_loop
-from vehicles.axles import axles
-from vehicles.full_car import (
+from canroll import vehicles
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import linear_car, ports
+from canroll.plant_sim.world import open_loop
+from canroll.vehicles.axles import axles
+from canroll.vehicles.full_car import (
     AS_PRINTED,
     INPUTS,
     REPAIRED,
@@ -22,7 +22,7 @@ from vehicles.full_car import (
     from_vehicle,
     state_matrices,
 )
-from vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
+from canroll.vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
 
 SPEED = 70 / 3.6
 

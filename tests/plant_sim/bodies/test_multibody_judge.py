@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import fsolve
 
-import vehicles
-from plant_sim.bodies import nonlinear_car, ports
-from plant_sim.nodes.imu_motion import FORCE, N_MOTION, RATE, specific_motion
-from plant_sim.world import open_loop
+from canroll import vehicles
+from canroll.plant_sim.bodies import nonlinear_car, ports
+from canroll.plant_sim.nodes.imu_motion import FORCE, N_MOTION, RATE, specific_motion
+from canroll.plant_sim.world import open_loop
 
 mujoco = pytest.importorskip("mujoco", reason="mujoco is not installed: pip install mujoco")
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from support.car_bodies import CarBodies
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
-from plant_sim import bodies
-from plant_sim.bodies import nonlinear_car, parameters, ports
-from plant_sim.driving import maneuvers
-from plant_sim.world import open_loop
-from vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import nonlinear_car, parameters, ports
+from canroll.plant_sim.driving import maneuvers
+from canroll.plant_sim.world import open_loop
+from canroll.vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
 
 BODY = bodies.body("nonlinear")
 

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
-from plant_sim import bodies
-from plant_sim.bodies import ports
-from plant_sim.world import open_loop
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.world import open_loop
 
 TEXT = (Path(vehicles.__file__).parent / "van_real.toml").read_text()
 SECTIONS = ("design", "plant", "geometry", "mass", "suspension", "tyre", "steering", "driver")

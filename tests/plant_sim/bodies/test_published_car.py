@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import vehicles
+from canroll import vehicles
 
 pytest.importorskip("vehiclemodels", reason="needs commonroad-vehicle-models")
 
@@ -15,7 +15,7 @@ from support import comparison_cases as ours
 from support import multi_body
 from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
 
-from vehicles.suspensions.tables import section
+from canroll.vehicles.suspensions.tables import section
 
 LONG = pytest.mark.long
 pytestmark = pytest.mark.slow

@@ -8,13 +8,13 @@ import pytest
 from scipy.optimize import brentq
 from support.car_bodies import steered
 
-import vehicles
-from plant_sim import bodies
-from plant_sim.bodies import nonlinear_car, parameters, ports
-from plant_sim.bodies.contact import FORWARD, LEFT
-from plant_sim.driving.maneuvers import build
-from plant_sim.world import handling, open_loop
-from vehicles.axles import axles, road_wheels
+from canroll import vehicles
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import nonlinear_car, parameters, ports
+from canroll.plant_sim.bodies.contact import FORWARD, LEFT
+from canroll.plant_sim.driving.maneuvers import build
+from canroll.plant_sim.world import handling, open_loop
+from canroll.vehicles.axles import axles, road_wheels
 
 BODY = bodies.body("nonlinear")
 TYRE = Path(__file__).parents[2] / "vehicles" / "tyres" / "passenger_61.tir"

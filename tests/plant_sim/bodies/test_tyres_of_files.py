@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import vehicles
-from plant_sim import bodies
-from plant_sim.bodies import nonlinear_car, parameters, ports
-from plant_sim.driving.tyre_limits import beyond
-from plant_sim.world import open_loop
-from vehicles.axles import axles
+from canroll import vehicles
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import nonlinear_car, parameters, ports
+from canroll.plant_sim.driving.tyre_limits import beyond
+from canroll.plant_sim.world import open_loop
+from canroll.vehicles.axles import axles
 
 BODY = bodies.body("nonlinear")
 TYRES = Path(__file__).parents[2] / "vehicles" / "tyres"

@@ -8,14 +8,14 @@ import pytest
 from support.balance import Balance
 from support.car_bodies import pitched, rolled, steered
 
-import vehicles
-from plant_sim import bodies
-from plant_sim.bodies import curves, nonlinear_car, parameters, ports
-from plant_sim.bodies.contact import LEFT
-from plant_sim.driving.maneuvers import build
-from plant_sim.world import handling, open_loop
-from vehicles.axles import axles
-from vehicles.unladen import unladen
+from canroll import vehicles
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import curves, nonlinear_car, parameters, ports
+from canroll.plant_sim.bodies.contact import LEFT
+from canroll.plant_sim.driving.maneuvers import build
+from canroll.plant_sim.world import handling, open_loop
+from canroll.vehicles.axles import axles
+from canroll.vehicles.unladen import unladen
 
 BODY = bodies.body("nonlinear")
 TYRE = Path(__file__).parents[2] / "vehicles" / "tyres" / "passenger_61.tir"

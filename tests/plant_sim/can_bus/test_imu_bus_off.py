@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-import dbc
+from canroll import dbc
+from canroll.codegen.run.backends import open_backend
+from canroll.plant_sim.can_bus import DELIVERED, ERROR, IMU, OUTCOMES, account, load_profile
+from canroll.plant_sim.driving import maneuvers
+from canroll.plant_sim.faults import parse
+from canroll.plant_sim.world.world import World
 from canroll.runs import experiment, virtual_time
-from codegen.run.backends import open_backend
-from plant_sim.can_bus import DELIVERED, ERROR, IMU, OUTCOMES, account, load_profile
-from plant_sim.driving import maneuvers
-from plant_sim.faults import parse
-from plant_sim.world.world import World
 
 START, END = 1_500_000_000, 1_900_000_000
 ACTIVE, SAFE = 1, 3

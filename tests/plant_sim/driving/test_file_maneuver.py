@@ -5,12 +5,12 @@ import cantools
 import numpy as np
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
-from plant_sim import bodies
-from plant_sim.bodies import ports
-from plant_sim.driving import maneuvers
-from plant_sim.world import open_loop
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.driving import maneuvers
+from canroll.plant_sim.world import open_loop
 
 ROLL1, NONLINEAR = bodies.body("roll1"), bodies.body("nonlinear")
 VAN = vehicles.load("van_real")

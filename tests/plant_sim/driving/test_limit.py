@@ -2,11 +2,11 @@
 
 import pytest
 
-import vehicles
-from plant_sim import bodies
-from plant_sim.driving import maneuvers
-from plant_sim.driving.limit import limited_by
-from plant_sim.world.open_loop import run_passive, signals
+from canroll import vehicles
+from canroll.plant_sim import bodies
+from canroll.plant_sim.driving import maneuvers
+from canroll.plant_sim.driving.limit import limited_by
+from canroll.plant_sim.world.open_loop import run_passive, signals
 
 SEDAN = vehicles.load("sedan_320i")
 

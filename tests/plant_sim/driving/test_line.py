@@ -4,9 +4,9 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-import vehicles
-from plant_sim.driving import line, path, standards
-from plant_sim.driving.path_maneuvers import APPROACH, OVERHANG
+from canroll import vehicles
+from canroll.plant_sim.driving import line, path, standards
+from canroll.plant_sim.driving.path_maneuvers import APPROACH, OVERHANG
 
 LANES = path.obstacle_avoidance(1.8)
 CAR = {"front": 2.1, "rear": 2.4, "width": 1.8}

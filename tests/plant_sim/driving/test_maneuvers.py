@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.signal import csd, welch
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim import bodies
-from plant_sim.bodies import ports
-from plant_sim.driving import drive, driver, maneuvers, path, steer_maneuvers
-from plant_sim.world import handling, open_loop
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.driving import drive, driver, maneuvers, path, steer_maneuvers
+from canroll.plant_sim.world import handling, open_loop
 
 ROLL1, NONLINEAR = bodies.body("roll1"), bodies.body("nonlinear")
 VAN = vehicles.load("van_real")

@@ -5,13 +5,13 @@ from math import hypot, radians
 import numpy as np
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim import bodies
-from plant_sim.bodies import ports
-from plant_sim.driving import maneuvers, road
-from plant_sim.world import open_loop
-from vehicles.model import Aerodynamics
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.driving import maneuvers, road
+from canroll.plant_sim.world import open_loop
+from canroll.vehicles.model import Aerodynamics
 
 NONLINEAR = bodies.body("nonlinear")
 VAN, SEDAN = vehicles.load("van_real"), vehicles.load("sedan_320i")

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-import vehicles
-from plant_sim import bodies
-from plant_sim.bodies import ports
-from plant_sim.driving import maneuvers, preview, standards
-from plant_sim.world.open_loop import run_passive, signals
+from canroll import vehicles
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.driving import maneuvers, preview, standards
+from canroll.plant_sim.world.open_loop import run_passive, signals
 
 SEDAN = vehicles.load("sedan_320i")
 

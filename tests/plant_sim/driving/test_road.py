@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from plant_sim.driving import road
+from canroll.plant_sim.driving import road
 
 
 @pytest.mark.parametrize("road_class", ["A", "C", "E"])

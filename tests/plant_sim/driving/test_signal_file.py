@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError, MissingExtraError
-from plant_sim.driving import signal_file
+from canroll.plant_sim.driving import signal_file
 
 DBC = """VERSION ""
 

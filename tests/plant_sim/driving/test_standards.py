@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import vehicles
-from plant_sim import bodies
-from plant_sim.driving import maneuvers, path, standards, steer_maneuvers
-from plant_sim.world import open_loop
+from canroll import vehicles
+from canroll.plant_sim import bodies
+from canroll.plant_sim.driving import maneuvers, path, standards, steer_maneuvers
+from canroll.plant_sim.world import open_loop
 
 VAN = vehicles.load("van_real")
 BODY = bodies.body("nonlinear")

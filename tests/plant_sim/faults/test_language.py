@@ -5,9 +5,9 @@ import math
 import pytest
 
 from canroll.errors import CanrollError
-from plant_sim.faults import Fault, parse, read_file
-from plant_sim.faults.kinds import KINDS, PLACES, kinds_at
-from plant_sim.faults.language import kind_of
+from canroll.plant_sim.faults import Fault, parse, read_file
+from canroll.plant_sim.faults.kinds import KINDS, PLACES, kinds_at
+from canroll.plant_sim.faults.language import kind_of
 
 
 def test_every_part_of_a_text_is_read():

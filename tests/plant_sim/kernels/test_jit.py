@@ -6,14 +6,14 @@ import sys
 
 import pytest
 
-from plant_sim.kernels import jit
+from canroll.plant_sim.kernels import jit
 
 TOGETHER = """
 import numpy as np, vehicles
-from plant_sim import bodies
-from plant_sim.bodies import ports
-from plant_sim.driving import maneuvers
-from plant_sim.world import open_loop
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.driving import maneuvers
+from canroll.plant_sim.world import open_loop
 van = vehicles.load("van_real")
 for body in bodies.BODIES.values():
     run = maneuvers.build("roundabout", van)
@@ -37,7 +37,7 @@ def test_bodies_compiled_by_different_processes_do_not_call_each_other(tmp_path)
         return done.stdout
 
     for body in ("roll", "linear_car", "nonlinear_car"):
-        run(f"import plant_sim.bodies.{body}", tmp_path / "pieces")
+        run(f"import canroll.plant_sim.bodies.{body}", tmp_path / "pieces")
     assert run(TOGETHER, tmp_path / "pieces") == run(TOGETHER, tmp_path / "whole")
 
 
@@ -65,7 +65,7 @@ def test_a_copy_of_the_package_has_the_place_of_the_first_in_the_cache(monkeypat
 MEANWHILE = """
 import os, time
 from numba import int64
-from plant_sim.kernels import jit
+from canroll.plant_sim.kernels import jit
 
 @jit.njit
 def successor(n):
@@ -99,7 +99,7 @@ def test_a_second_process_compiles_for_the_cache_meanwhile(tmp_path):
 
 
 AGAIN = """
-from plant_sim.kernels import jit
+from canroll.plant_sim.kernels import jit
 
 @jit.njit
 def successor(n):

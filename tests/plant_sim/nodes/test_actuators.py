@@ -8,22 +8,21 @@ import pytest
 from e2e import p01
 from scipy import integrate
 
-import dbc
-import vehicles
+from canroll import dbc, vehicles
 from canroll.errors import CanrollError, UnknownNameError
-from firmware import calibration as fw
-from plant_sim.bodies import ports
-from plant_sim.kernels.schedule import ScheduledFault
-from plant_sim.nodes import (
+from canroll.firmware import calibration as fw
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.kernels.schedule import ScheduledFault
+from canroll.plant_sim.nodes import (
     actuator_kernel,
     actuator_models,
     codec,
     codec_tables,
     hydraulics,
 )
-from plant_sim.nodes import actuators as actuator_setup
-from plant_sim.nodes.actuators import ActuatorOptions
-from vehicles.actuators import ACTUATORS
+from canroll.plant_sim.nodes import actuators as actuator_setup
+from canroll.plant_sim.nodes.actuators import ActuatorOptions
+from canroll.vehicles.actuators import ACTUATORS
 
 VEHICLE = vehicles.load("van_real")
 MS = 1_000_000

@@ -7,9 +7,9 @@ from cryptography.hazmat.primitives.cmac import CMAC
 from hypothesis import given
 from hypothesis import strategies as st
 
-import dbc
-from codegen.generated.bus_map import load
-from plant_sim.nodes import authentication, codec_tables
+from canroll import dbc
+from canroll.codegen.generated.bus_map import load
+from canroll.plant_sim.nodes import authentication, codec_tables
 
 KEY = bytes(range(200, 216))
 TABLES = codec_tables.of_map(load(dbc.SECURED_PATH, dbc.SECURED_MAP))

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-import dbc
+from canroll import dbc
 from canroll.errors import UnknownNameError
-from plant_sim.nodes import codec, codec_tables
+from canroll.plant_sim.nodes import codec, codec_tables
 
 TABLES = codec_tables.load()
 MESSAGES = dbc.load().messages

@@ -9,9 +9,9 @@ from e2e import p01
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from codegen.frame.frame_protection import protection
-from plant_sim.kernels.jit import njit
-from plant_sim.nodes import e2e
+from canroll.codegen.frame.frame_protection import protection
+from canroll.plant_sim.kernels.jit import njit
+from canroll.plant_sim.nodes import e2e
 
 words = st.integers(-(1 << 63), (1 << 63) - 1)
 data_ids = st.integers(0, 0xFFFF)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from plant_sim.nodes import codec, codec_tables, e2e, envelope
-from plant_sim.nodes.actuators import ActuatorOptions, build
-from plant_sim.nodes.envelope import NEVER
-from vehicles import load
+from canroll.plant_sim.nodes import codec, codec_tables, e2e, envelope
+from canroll.plant_sim.nodes.actuators import ActuatorOptions, build
+from canroll.plant_sim.nodes.envelope import NEVER
+from canroll.vehicles import load
 
 TABLES = codec_tables.load()
 MOST = 2000.0

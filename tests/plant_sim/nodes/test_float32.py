@@ -8,9 +8,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from support import float_bus
 
-from codegen.generated import bus_map
-from dbc import read
-from plant_sim.nodes import codec, codec_tables, float32
+from canroll.codegen.generated import bus_map
+from canroll.dbc import read
+from canroll.plant_sim.nodes import codec, codec_tables, float32
 
 LARGEST = float(np.finfo(np.float32).max)
 REALS = ("RollRate", "LateralAcceleration", "YawRate")

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from plant_sim.bodies import ports
-from plant_sim.nodes.imu_motion import FORCE, GRAVITY, N_MOTION, RATE, specific_motion
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.nodes.imu_motion import FORCE, GRAVITY, N_MOTION, RATE, specific_motion
 
 angle = st.floats(-0.6, 0.6)
 rate = st.floats(-1.5, 1.5)

@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 from scipy import signal as sps
 
-import dbc
-import vehicles
+from canroll import dbc, vehicles
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.bodies import ports
-from plant_sim.kernels.instants import NEVER
-from plant_sim.kernels.schedule import ScheduledFault
-from plant_sim.nodes import codec, codec_tables, sensor_kernel
-from plant_sim.nodes import sensors as sensor_setup
-from plant_sim.nodes.sensors import SensorOptions
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.kernels.instants import NEVER
+from canroll.plant_sim.kernels.schedule import ScheduledFault
+from canroll.plant_sim.nodes import codec, codec_tables, sensor_kernel
+from canroll.plant_sim.nodes import sensors as sensor_setup
+from canroll.plant_sim.nodes.sensors import SensorOptions
 
 VEHICLE = vehicles.load("van_real")
 STEP_NS = 1_000_000

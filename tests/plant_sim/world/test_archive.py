@@ -9,8 +9,8 @@ import pytest
 from numpy.lib import format as npy
 
 from canroll.errors import UNREADABLE
-from plant_sim.world import archive, spool
-from plant_sim.world.spool import Rows, as_columns
+from canroll.plant_sim.world import archive, spool
+from canroll.plant_sim.world.spool import Rows, as_columns
 
 ROW = np.dtype([("t", "f8"), ("payload", "u1", (3,))])
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-import vehicles
-from plant_sim import bodies
-from plant_sim.bodies import ports
-from plant_sim.driving import maneuvers
-from plant_sim.world import open_loop
+from canroll import vehicles
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.driving import maneuvers
+from canroll.plant_sim.world import open_loop
 
 
 def roll(name, maneuver, speed_kmh, body="roll1"):

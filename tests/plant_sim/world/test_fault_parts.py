@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 from e2e import p01
 
-import dbc
-import vehicles
+from canroll import dbc, vehicles
 from canroll.errors import CanrollError
-from plant_sim import can_bus
-from plant_sim.can_bus.kernel.layout import ERROR
-from plant_sim.driving import maneuvers
-from plant_sim.faults import parse
-from plant_sim.world.world import World
+from canroll.plant_sim import can_bus
+from canroll.plant_sim.can_bus.kernel.layout import ERROR
+from canroll.plant_sim.driving import maneuvers
+from canroll.plant_sim.faults import parse
+from canroll.plant_sim.world.world import World
 
 VEHICLE = vehicles.load("van_real")
 MS = 1_000_000

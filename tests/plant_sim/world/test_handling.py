@@ -5,10 +5,10 @@ import control
 import numpy as np
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
-from plant_sim import bodies
-from plant_sim.world import handling
+from canroll.plant_sim import bodies
+from canroll.plant_sim.world import handling
 
 VAN = vehicles.load("van_real")
 

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
-from plant_sim import bodies
-from plant_sim.bodies import ports
-from plant_sim.bodies.linear_car import N_DRIVE, N_LINEAR
-from plant_sim.kernels.jit import STEP_SIGNATURE, cfunc
-from plant_sim.world import linearise
-from plant_sim.world.linearise import IMU_LATERAL_ACCELERATION
-from plant_sim.world.modes import modes
-from plant_sim.world.open_loop import advance
-from vehicles.model import GRAVITY
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.bodies.linear_car import N_DRIVE, N_LINEAR
+from canroll.plant_sim.kernels.jit import STEP_SIGNATURE, cfunc
+from canroll.plant_sim.world import linearise
+from canroll.plant_sim.world.linearise import IMU_LATERAL_ACCELERATION
+from canroll.plant_sim.world.modes import modes
+from canroll.plant_sim.world.open_loop import advance
+from canroll.vehicles.model import GRAVITY
 
 VAN = vehicles.load("van_real")
 STEP = linearise.STEP

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from plant_sim.world import recording
+from canroll.plant_sim.world import recording
 
 
 @pytest.mark.parametrize("names", [recording.NAMES, ("roll", "time", "x"), ("envelope",), ()])

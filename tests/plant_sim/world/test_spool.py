@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
-from plant_sim.world import spool
-from plant_sim.world.spool import Columns, Rows, as_columns, blocks, pieces, with_signal
+from canroll.plant_sim.world import spool
+from canroll.plant_sim.world.spool import Columns, Rows, as_columns, blocks, pieces, with_signal
 
 ROW = np.dtype([("t", "f8"), ("kind", "u1")])
 

@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
-from plant_sim import can_bus
-from plant_sim.bodies import BODIES, body
-from plant_sim.bodies.ports import initial_inputs
-from plant_sim.driving import maneuvers
-from plant_sim.world.step_size import check_step, growth_per_step
-from plant_sim.world.world import World
-from vehicles import plausible
+from canroll.plant_sim import can_bus
+from canroll.plant_sim.bodies import BODIES, body
+from canroll.plant_sim.bodies.ports import initial_inputs
+from canroll.plant_sim.driving import maneuvers
+from canroll.plant_sim.world.step_size import check_step, growth_per_step
+from canroll.plant_sim.world.world import World
+from canroll.vehicles import plausible
 
 VAN = Path(vehicles.__file__).with_name("van_real.toml")
 

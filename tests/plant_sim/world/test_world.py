@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 from e2e import p01
 
-import dbc
-import vehicles
+from canroll import dbc, vehicles
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim import bodies, can_bus
-from plant_sim.buses import BUSES
-from plant_sim.can_bus.bounds.delay_bounds import delay_bounds
-from plant_sim.driving import maneuvers
-from plant_sim.nodes.actuators import ActuatorOptions
-from plant_sim.nodes.sensors import SensorOptions
-from plant_sim.world import open_loop
-from plant_sim.world.world import World
+from canroll.plant_sim import bodies, can_bus
+from canroll.plant_sim.buses import BUSES
+from canroll.plant_sim.can_bus.bounds.delay_bounds import delay_bounds
+from canroll.plant_sim.driving import maneuvers
+from canroll.plant_sim.nodes.actuators import ActuatorOptions
+from canroll.plant_sim.nodes.sensors import SensorOptions
+from canroll.plant_sim.world import open_loop
+from canroll.plant_sim.world.world import World
 
 VEHICLE = vehicles.load("van_real")
 UNSPRUNG_SHARE = 1.0 - VEHICLE.plant.sprung_mass / VEHICLE.total_mass
@@ -125,7 +124,7 @@ def test_uncontrolled_the_body_moves_as_it_does_alone():
     )
     signals = world.signals
     count = min(len(passive), len(signals["time"]))
-    from plant_sim.bodies import ports
+    from canroll.plant_sim.bodies import ports
 
     np.testing.assert_array_equal(signals["roll"][:count], passive[:count, ports.ROLL])
     np.testing.assert_array_equal(signals["steer"][:count], steer[:count])

@@ -5,10 +5,10 @@ import pytest
 import tomli_w
 from scipy.stats import chi2, kstest
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
-from vehicles.draws.fitted_cars import draws
-from vehicles.fit_spread import value_of
+from canroll.vehicles.draws.fitted_cars import draws
+from canroll.vehicles.fit_spread import value_of
 
 NAMES = ("plant.roll_stiffness", "mass.yaw_inertia", "geometry.roll_centre_height_front")
 DEVIATIONS = (20000.0, 150.0, 0.02)

@@ -3,7 +3,7 @@
 import pytest
 
 from canroll.errors import CanrollError
-from vehicles.suspensions.tables import section
+from canroll.vehicles.suspensions.tables import section
 
 STEER = "steering_wheel [deg], road_wheel [deg]\n"
 

@@ -6,9 +6,9 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from canroll.errors import CanrollError
-from vehicles.suspensions.curve import Curve
-from vehicles.suspensions.tables import AxleTables, Bar
-from vehicles.suspensions.wheel import at_rest, installed
+from canroll.vehicles.suspensions.curve import Curve
+from canroll.vehicles.suspensions.tables import AxleTables, Bar
+from canroll.vehicles.suspensions.wheel import at_rest, installed
 
 SPRING = Curve((0.0, 0.1, 0.16, 0.2, 0.24), (0.0, 2300.0, 3800.0, 5300.0, 8200.0))
 RATIO = Curve((-0.08, -0.03, 0.02, 0.08), (0.60, 0.66, 0.72, 0.86))

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from support import tyre_references as references
 
-from vehicles.tyres import tir
-from vehicles.tyres.magic_formula import Coefficients, MagicFormula
+from canroll.vehicles.tyres import tir
+from canroll.vehicles.tyres.magic_formula import Coefficients, MagicFormula
 
 FOLDER = Path(__file__).parent
 NAMES = ("passenger_52", "passenger_61", "passenger_62")

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from canroll.errors import CanrollError
-from vehicles.tyres import tir
+from canroll.vehicles.tyres import tir
 
 FOLDER = Path(__file__).parent
 TEXT = (FOLDER / "passenger_61.tir").read_text()

@@ -9,16 +9,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-import dbc
-from plant_sim import can_bus
-from plant_sim.can_bus.wire.frame import EXTENDED
-from plant_sim.kernels.instants import STEP_NS
-from plant_sim.nodes import authentication, codec, codec_tables, e2e
-from plant_sim.nodes.codec import MAX_PAYLOAD, Codec
-from plant_sim.nodes.sensors import PER_UNIT
-from plant_sim.world import fault_parts
-from plant_sim.world.world import FRAME, World
-from plant_sim.world.world_kernel import EXTENDED_KEY, SENDER_STATE, row_of
+from canroll import dbc
+from canroll.plant_sim import can_bus
+from canroll.plant_sim.can_bus.wire.frame import EXTENDED
+from canroll.plant_sim.kernels.instants import STEP_NS
+from canroll.plant_sim.nodes import authentication, codec, codec_tables, e2e
+from canroll.plant_sim.nodes.codec import MAX_PAYLOAD, Codec
+from canroll.plant_sim.nodes.sensors import PER_UNIT
+from canroll.plant_sim.world import fault_parts
+from canroll.plant_sim.world.world import FRAME, World
+from canroll.plant_sim.world.world_kernel import EXTENDED_KEY, SENDER_STATE, row_of
 
 NAMES = tuple(message.name for message in dbc.load().messages)
 """Messages of the contract, in the order of the codec's tables."""

@@ -6,10 +6,10 @@ from functools import wraps
 from typing import Concatenate, ParamSpec
 
 from canroll.extensions.campaign.attacks.attacker import Ear, Forge, Forged, Heard
-from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
-from plant_sim.kernels.instants import MS
-from plant_sim.nodes import authentication
-from plant_sim.nodes.actuators import command_signals
+from canroll.plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
+from canroll.plant_sim.kernels.instants import MS
+from canroll.plant_sim.nodes import authentication
+from canroll.plant_sim.nodes.actuators import command_signals
 
 START_NS = 2_000 * MS
 """The lane change is under way."""

@@ -12,9 +12,16 @@ import numpy as np
 
 from canroll.cases.execution import IN_TURN, Cases
 from canroll.cases.identity import identity
+from canroll.codegen.run.backends import Backend, open_backend
+from canroll.codegen.run.bus_firmware import BusFirmware
+from canroll.codegen.run.ecu_traffic import Frame, Payload
+from canroll.codegen.run.secured import SecuredEcu
 from canroll.errors import CanrollError
 from canroll.extensions.campaign.attacks.attacker import AttackedWorld
 from canroll.extensions.campaign.attacks.kinds import NONE, START_NS, Attack, attacks
+from canroll.plant_sim.nodes import codec, e2e
+from canroll.plant_sim.nodes.codec import Codec
+from canroll.plant_sim.world.world_kernel import row_of
 from canroll.reaction import reaction
 from canroll.runs.experiment import drive, plan, tick_offset_ns, world_options
 from canroll.runs.metrics import peak
@@ -23,13 +30,6 @@ from canroll.runs.trace import Trace
 from canroll.runs.virtual_time import closed_loop
 from canroll.setup.choices import PASSIVE
 from canroll.setup.controller import Controller
-from codegen.run.backends import Backend, open_backend
-from codegen.run.bus_firmware import BusFirmware
-from codegen.run.ecu_traffic import Frame, Payload
-from codegen.run.secured import SecuredEcu
-from plant_sim.nodes import codec, e2e
-from plant_sim.nodes.codec import Codec
-from plant_sim.world.world_kernel import row_of
 
 
 class Gate:

@@ -7,10 +7,10 @@ from typing import Any
 
 from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
+from canroll.plant_sim.faults import kinds, parse
+from canroll.plant_sim.nodes.actuators import command_signals
 from canroll.reaction.fault_codes import MODES
 from canroll.runs.result import Run
-from plant_sim.faults import kinds, parse
-from plant_sim.nodes.actuators import command_signals
 
 CATALOGUE = Path(__file__).with_name("catalogue.toml")
 SINGLE, DOUBLE = "single", "double"
@@ -25,7 +25,7 @@ class CatalogueEntry:
     Attributes:
         name: what fails, in words.
         group: what it is that fails: "sensor signal", "actuator" and so on; "double".
-        faults: the faults as :func:`plant_sim.faults.parse` reads them.
+        faults: the faults as :func:`canroll.plant_sim.faults.parse` reads them.
         expect: "detected", or "tolerated": no harm, detected or not.
         mode: mode that the ECU should go to; empty: any.
     """

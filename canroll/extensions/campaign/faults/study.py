@@ -25,6 +25,12 @@ from canroll.extensions.campaign.faults.catalogue import (
     CatalogueEntry,
     entries,
 )
+from canroll.gain_gen.models.task import Task
+from canroll.gain_gen.monitors.bank import Bank
+from canroll.gain_gen.monitors.detectability import bank_of_calibration
+from canroll.gain_gen.monitors.uncertainty import stated
+from canroll.plant_sim.can_bus.network.own_frames import bus_map
+from canroll.plant_sim.faults import parse
 from canroll.reaction import reaction, switched_off
 from canroll.reaction.reaction import Reaction
 from canroll.reaction.visibility import Visibility, visibility
@@ -34,12 +40,6 @@ from canroll.runs.result import Run
 from canroll.runs.trace import Trace
 from canroll.setup.choices import PASSIVE
 from canroll.setup.controller import Controller
-from gain_gen.models.task import Task
-from gain_gen.monitors.bank import Bank
-from gain_gen.monitors.detectability import bank_of_calibration
-from gain_gen.monitors.uncertainty import stated
-from plant_sim.can_bus.network.own_frames import bus_map
-from plant_sim.faults import parse
 
 NO_EFFECT = "it changes nothing in this run"
 ALL, SINGLES = "all", "all single"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import tomli_w
 
-import vehicles
+from canroll import vehicles
 from canroll.cli import terminal
 from canroll.cli.options import choices_of, folder_of
 from canroll.cli.terminal import Part
@@ -29,7 +29,7 @@ from canroll.extensions.car.identification.fit_page import (
 from canroll.extensions.car.identification.pieces import Window
 from canroll.report.run_folder import write_text
 from canroll.report.staging import usable_folder
-from vehicles.plausible import outside
+from canroll.vehicles.plausible import outside
 
 
 def run(args: argparse.Namespace) -> int:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import vehicles
+from canroll import vehicles
 from canroll.cli import terminal
 from canroll.cli.options import by_key, choices_of, folder_of
 from canroll.cli.terminal import Part

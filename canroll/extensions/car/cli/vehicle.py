@@ -8,14 +8,14 @@ from pathlib import Path
 
 import tomli_w
 
-import vehicles
+from canroll import vehicles
 from canroll.cli.terminal import Part, emit, warnings
 from canroll.errors import CanrollError, reason
 from canroll.extensions.car.sizing.classes import CLASSES, HEAVIEST, class_named
 from canroll.extensions.car.sizing.estimate import SIZES, estimated
 from canroll.extensions.car.sizing.review import ReviewedQuantity, beside_class, handling
 from canroll.report.page import PageTable
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 
 def run(args: argparse.Namespace) -> int:

@@ -19,7 +19,7 @@ from canroll.extensions.car.tyres.tyre_view import (
 )
 from canroll.report.run_folder import write_text
 from canroll.report.staging import check_parent
-from vehicles.tyres import tir
+from canroll.vehicles.tyres import tir
 
 
 def run(args: argparse.Namespace) -> int:

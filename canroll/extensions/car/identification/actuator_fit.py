@@ -22,8 +22,8 @@ from canroll.extensions.car.identification.information import (
     together,
 )
 from canroll.extensions.car.identification.unknowns import FittedNumber, Unknown
+from canroll.plant_sim.kernels.jit import njit
 from canroll.typing import Vector
-from plant_sim.kernels.jit import njit
 
 STARTS = tuple(product((0.003, 0.012, 0.05, 0.2), np.linspace(0.0, 0.2, 41).tolist()))
 """Lags and delays (s) among which the search begins at the best."""

@@ -13,14 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from canroll.codegen.frame import units
+from canroll.codegen.generated import bus_map
+from canroll.dbc.reader import network
 from canroll.errors import CanrollError, UnknownNameError
+from canroll.plant_sim.bodies.ports import AXLES, WHEELS
+from canroll.plant_sim.driving import signal_file
+from canroll.plant_sim.driving.columns import TIME_UNITS, LogTable, parted, read_table
 from canroll.typing import Vector
-from codegen.frame import units
-from codegen.generated import bus_map
-from dbc.reader import network
-from plant_sim.bodies.ports import AXLES, WHEELS
-from plant_sim.driving import signal_file
-from plant_sim.driving.columns import TIME_UNITS, LogTable, parted, read_table
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,10 +40,10 @@ from canroll.extensions.car.identification.pieces import EVERYTHING, SAMPLE, Pie
 from canroll.extensions.car.identification.unknowns import FittedNumber
 from canroll.table import Table
 from canroll.typing import Progress, Vector
-from vehicles import Vehicle
-from vehicles.fit_spread import SECTION, section_of, value_of
-from vehicles.load import from_table
-from vehicles.plausible import implausible
+from canroll.vehicles import Vehicle
+from canroll.vehicles.fit_spread import SECTION, section_of, value_of
+from canroll.vehicles.load import from_table
+from canroll.vehicles.plausible import implausible
 
 SURPRISING = 3.0
 """Deviations of its prior by which a number contradicts it."""

@@ -17,7 +17,7 @@ from canroll.extensions.car.identification.drive_log import QUANTITIES, Log
 from canroll.extensions.car.identification.output_error import Model
 from canroll.extensions.car.identification.pieces import SAMPLE
 from canroll.typing import Vector
-from vehicles import GRAVITY, Vehicle
+from canroll.vehicles import GRAVITY, Vehicle
 
 LEAST_ACCELERATION = 0.3
 """RMS of the lateral acceleration (m/s²) below which road and sensors bring as much as steering."""

@@ -36,10 +36,10 @@ from canroll.extensions.car.identification.unknowns import (
     is_known,
     of_key,
 )
+from canroll.plant_sim.bodies.ports import AXLES
 from canroll.typing import Vector
-from plant_sim.bodies.ports import AXLES
-from vehicles import Vehicle
-from vehicles.axles import axles
+from canroll.vehicles import Vehicle
+from canroll.vehicles.axles import axles
 
 KINDS = ("bars", "suspension")
 """Actuators whose lag a vehicle file has and moments tell."""

@@ -21,8 +21,8 @@ from canroll.extensions.car.identification.colour import correlation_times
 from canroll.extensions.car.identification.pieces import Piece, Window
 from canroll.extensions.car.identification.unknowns import STEERING_OFFSET, Unknown
 from canroll.typing import Vector
-from vehicles import Vehicle
-from vehicles.check import problems
+from canroll.vehicles import Vehicle
+from canroll.vehicles.check import problems
 
 DIFFERENCE = 1e-5
 """Step of the numerical derivatives, in standard deviations of the priors.

@@ -18,9 +18,9 @@ from canroll.extensions.car.identification.drive_log import (
     Log,
 )
 from canroll.extensions.car.identification.smoothing import EXACT, Noise, smoothed
+from canroll.plant_sim.bodies.ports import WHEELS
 from canroll.typing import Vector
-from plant_sim.bodies.ports import WHEELS
-from vehicles import GRAVITY
+from canroll.vehicles import GRAVITY
 
 SAMPLE = 0.01
 """Interval of the time base (s): the car does nothing above 20 Hz."""

@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from canroll.extensions.car.identification.drive_log import DELIVERED
 from canroll.extensions.car.identification.pieces import SAMPLE, Piece
-from canroll.typing import Vector
-from plant_sim import bodies
-from plant_sim.bodies import ports
-from plant_sim.bodies.ports import WHEELS, initial_inputs
-from plant_sim.kernels.jit import njit
-from plant_sim.nodes.imu_motion import (
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.bodies.ports import WHEELS, initial_inputs
+from canroll.plant_sim.kernels.jit import njit
+from canroll.plant_sim.nodes.imu_motion import (
     FORCE,
     N_MOTION,
     RATE,
@@ -22,7 +21,8 @@ from plant_sim.nodes.imu_motion import (
     mounting,
     specific_motion,
 )
-from vehicles import Vehicle
+from canroll.typing import Vector
+from canroll.vehicles import Vehicle
 
 ROW = 0.002
 """Interval of recorded rows (s): signals are delayed by interpolation between them."""

@@ -8,11 +8,11 @@ from math import log as natural
 
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.extensions.car.identification.drive_log import QUANTITIES
-from vehicles import Vehicle
-from vehicles.axle_files import following
-from vehicles.draws import numbers as vehicle_numbers
-from vehicles.draws.fitted_cars import is_positive
-from vehicles.fit_spread import value_of
+from canroll.vehicles import Vehicle
+from canroll.vehicles.axle_files import following
+from canroll.vehicles.draws import numbers as vehicle_numbers
+from canroll.vehicles.draws.fitted_cars import is_positive
+from canroll.vehicles.fit_spread import value_of
 
 LOG = "log"
 """Section of the unknowns of the measurement, which no vehicle file has."""
@@ -259,6 +259,6 @@ def delay_key(signal: str) -> str:
 
 
 def applied(vehicle: Vehicle, values: Mapping[str, float]) -> Vehicle:
-    """Return :func:`vehicles.draws.numbers.applied` without the values of the log."""
+    """Return :func:`canroll.vehicles.draws.numbers.applied` without the values of the log."""
     of_car = {key: value for key, value in values.items() if not key.startswith(f"{LOG}.")}
     return vehicle_numbers.applied(vehicle, of_car)

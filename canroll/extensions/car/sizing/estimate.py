@@ -7,10 +7,10 @@ from typing import Any
 from canroll.documents import refuse_unknown
 from canroll.errors import CanrollError
 from canroll.extensions.car.sizing.classes import RATIOS, Ratio, class_named
-from vehicles.check import POUND
-from vehicles.load import from_table, load
-from vehicles.model import GRAVITY, SCHEMA, Vehicle
-from vehicles.roll_stiffness import steady_roll
+from canroll.vehicles.check import POUND
+from canroll.vehicles.load import from_table, load
+from canroll.vehicles.model import GRAVITY, SCHEMA, Vehicle
+from canroll.vehicles.roll_stiffness import steady_roll
 
 SIZES = {
     "mass": (300.0, 40e3, "kg", {1e3: "t", POUND: "lb"}),

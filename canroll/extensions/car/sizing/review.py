@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from math import degrees, pi
 
 from canroll.extensions.car.sizing.classes import class_named
-from vehicles.axles import axles
-from vehicles.model import GRAVITY, Vehicle
-from vehicles.plausible import BANDS, cornering_coefficient, ride_frequency
-from vehicles.roll_stiffness import suspension_roll_stiffness
+from canroll.vehicles.axles import axles
+from canroll.vehicles.model import GRAVITY, Vehicle
+from canroll.vehicles.plausible import BANDS, cornering_coefficient, ride_frequency
+from canroll.vehicles.roll_stiffness import suspension_roll_stiffness
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +112,7 @@ def handling(vehicle: Vehicle, kind: str | None = None) -> Iterator[ReviewedQuan
     """Quantities by which a vehicle's roll and handling are judged.
 
     A range is the usual one of a class; without a class it is that beyond which
-    :mod:`vehicles.plausible` refuses a vehicle file.
+    :mod:`canroll.vehicles.plausible` refuses a vehicle file.
     """
     plausible = {band.quantity: (band.low, band.high) for band in BANDS}
     gradient, steer = plausible["a roll gradient"], plausible["an understeer gradient"]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import inf
 
 from canroll.extensions.car.identification.unknowns import Unknown
-from vehicles.tyres.magic_formula import Coefficients
+from canroll.vehicles.tyres.magic_formula import Coefficients
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
+from canroll.plant_sim.driving.columns import read_table
 from canroll.typing import Vector
-from plant_sim.driving.columns import read_table
 
 
 class Column(NamedTuple):

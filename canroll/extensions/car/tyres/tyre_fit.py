@@ -25,9 +25,9 @@ from canroll.extensions.car.identification.information import (
 from canroll.extensions.car.identification.unknowns import FittedNumber, Unknown
 from canroll.extensions.car.tyres.coefficients import GUESSED, UNSCALED, unknowns
 from canroll.extensions.car.tyres.measured import MeasuredTyre
+from canroll.plant_sim.bodies.tyre import forces_over
 from canroll.typing import Progress, Vector
-from plant_sim.bodies.tyre import forces_over
-from vehicles.tyres.magic_formula import LIMITS, NEEDED, Coefficients, MagicFormula
+from canroll.vehicles.tyres.magic_formula import LIMITS, NEEDED, Coefficients, MagicFormula
 
 ROUGH = 0.05
 """Share of the largest force that is the noise of the first search."""

@@ -15,8 +15,8 @@ from canroll.extensions.car.identification.unknowns import STATES
 from canroll.extensions.car.tyres.measured import MeasuredTyre, levels
 from canroll.extensions.car.tyres.tyre_fit import SAME_ANGLE, TyreFit, lateral_forces
 from canroll.report.page import Cell, PageTable
-from vehicles.tyres import tir_text
-from vehicles.tyres.magic_formula import LIMITS
+from canroll.vehicles.tyres import tir_text
+from canroll.vehicles.tyres.magic_formula import LIMITS
 
 MOST_LEVELS = 8
 """Most loads of which a picture has curves."""

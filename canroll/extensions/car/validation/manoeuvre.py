@@ -7,8 +7,8 @@ import numpy as np
 
 from canroll.extensions.car.identification.pieces import SAMPLE
 from canroll.extensions.car.validation.replayed import Drive, Stretch
+from canroll.plant_sim.driving.steer_maneuvers import START, TABLE_STEP, sine_with_dwell_table
 from canroll.typing import Vector
-from plant_sim.driving.steer_maneuvers import START, TABLE_STEP, sine_with_dwell_table
 
 STEADY_CIRCLE, STEP_STEER, SINE_SWEEP, SINE_WITH_DWELL, FREE = MANOEUVRES = (
     *("steady_circle", "step_steer", "sine_sweep", "sine_with_dwell", "free"),

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from math import inf
 from pathlib import Path
 
-import vehicles
+from canroll import vehicles
 from canroll.arguments import checked
 from canroll.errors import CanrollError
 from canroll.extensions.car.identification import fit as identification

@@ -21,7 +21,7 @@ from canroll.extensions.car.identification.output_error import Model
 from canroll.extensions.car.identification.pieces import SAMPLE, Piece, Window, pieces
 from canroll.extensions.car.validation.measurement import Measurement
 from canroll.typing import Vector
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 CUTOFF = 6.0
 """Cut-off frequency (Hz) of the filter for measured and simulated signals."""

@@ -22,8 +22,8 @@ from canroll.extensions.car.validation.criterion import Criterion, Judged, Toler
 from canroll.extensions.car.validation.replayed import Drive
 from canroll.extensions.car.validation.tolerances import FACTORS, Tolerance
 from canroll.typing import Vector
-from vehicles import GRAVITY, Vehicle
-from vehicles.axles import road_wheel_curve, road_wheels
+from canroll.vehicles import GRAVITY, Vehicle
+from canroll.vehicles.axles import road_wheel_curve, road_wheels
 
 SETTLING = 3.0
 """First part of a stretch (s) in which the simulated car, which begins straight, gets there."""

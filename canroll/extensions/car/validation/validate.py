@@ -28,7 +28,7 @@ from canroll.extensions.car.validation.rating import Rating, rate_drive
 from canroll.extensions.car.validation.replayed import Drive, label, replayed
 from canroll.extensions.car.validation.tolerances import TOLERANCES, Tolerance
 from canroll.table import Table
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 RATING = 0.80
 """Rating of ISO/TS 18571 above which it calls an agreement good."""

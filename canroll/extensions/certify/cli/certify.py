@@ -12,24 +12,24 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-import vehicles
+from canroll import vehicles
 from canroll.cases.engine import LOCAL, engine
 from canroll.cli import terminal
 from canroll.cli.options import choices_of
 from canroll.errors import CanrollError, optional, reason, writing
+from canroll.firmware.calibration import Q_MOMENT
+from canroll.gain_gen.calibration import calibration_file
+from canroll.gain_gen.calibration.calibration_file import LoadedCalibration
+from canroll.gain_gen.calibration.resolution import of_bus, of_contract
+from canroll.gain_gen.margin_report import task_of
+from canroll.gain_gen.models.task import Task
+from canroll.plant_sim.can_bus.network.own_frames import bus_map
 from canroll.report.staging import check_parent
 from canroll.setup.bus_frames import profile_of
 from canroll.setup.choices import check as check_choices
 from canroll.setup.controller import COMMANDS
 from canroll.setup.delay import sample_to_force
 from canroll.typing import Progress
-from firmware.calibration import Q_MOMENT
-from gain_gen.calibration import calibration_file
-from gain_gen.calibration.calibration_file import LoadedCalibration
-from gain_gen.calibration.resolution import of_bus, of_contract
-from gain_gen.margin_report import task_of
-from gain_gen.models.task import Task
-from plant_sim.can_bus.network.own_frames import bus_map
 
 if TYPE_CHECKING:
     from canroll.extensions.certify.certificate import Certificate

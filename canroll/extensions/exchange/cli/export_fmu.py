@@ -5,23 +5,23 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import vehicles
+from canroll import vehicles
 from canroll.cli.options import DEFAULT_SCENARIO, choices_of
 from canroll.cli.parser import check_mode
 from canroll.cli.terminal import show, warnings
 from canroll.errors import CanrollError
 from canroll.extensions.exchange import body_fmu, bus_fmu, plant_fmu
 from canroll.extensions.exchange.fmu import ecu
+from canroll.plant_sim.bodies import own_body
+from canroll.plant_sim.can_bus import NODES, Node, make_network
+from canroll.plant_sim.can_bus.kernel.network import add_node
+from canroll.plant_sim.can_bus.network.recorded_profile import RecordedProfile
+from canroll.plant_sim.driving import maneuvers
+from canroll.plant_sim.world.world_parts import command_of
 from canroll.runs.experiment import build_world, maneuver_of, plan, tick_offset_ns
 from canroll.runs.virtual_time import RUN_TIME_NS
 from canroll.setup.bus_frames import profile_of, refuse_authenticated
 from canroll.setup.choices import chosen
-from plant_sim.bodies import own_body
-from plant_sim.can_bus import NODES, Node, make_network
-from plant_sim.can_bus.kernel.network import add_node
-from plant_sim.can_bus.network.recorded_profile import RecordedProfile
-from plant_sim.driving import maneuvers
-from plant_sim.world.world_parts import command_of
 
 MOST_FREE_NODES = 32
 

@@ -22,11 +22,11 @@ from canroll.extensions.exchange.fmi.quantities import (
     SAME,
 )
 from canroll.extensions.exchange.fmi.session import FmuSession
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.bodies.ports import ROLLOVER_ANGLE, WHEELS, Body, Outside
+from canroll.plant_sim.kernels.jit import STEP_SIGNATURE, cfunc, function_at
 from canroll.typing import Vector
-from plant_sim.bodies import ports
-from plant_sim.bodies.ports import ROLLOVER_ANGLE, WHEELS, Body, Outside
-from plant_sim.kernels.jit import STEP_SIGNATURE, cfunc, function_at
-from vehicles import Vehicle
+from canroll.vehicles import Vehicle
 
 SPEED_TOLERANCE = 0.02
 """Relative difference of the FMU's speed from the entry speed allowed at the start."""

@@ -2,8 +2,8 @@
 
 import math
 
-from plant_sim.bodies import ports
-from plant_sim.bodies.ports import WHEELS, Port
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.bodies.ports import WHEELS, Port
 
 UNITS = {
     "": ("", 1.0),

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 
+from canroll.codegen.run.native import compiler
 from canroll.errors import CanrollError, reason
 from canroll.extensions.exchange.fmu import description
 from canroll.extensions.exchange.fmu.variables import Interface, table
-from codegen.run.native import compiler
 
 SOURCES = Path(__file__).with_name("sources")
 SHELL = ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h", "fmu.h", "fmu.c")

@@ -12,6 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from canroll.codegen.export.header import gains_header
+from canroll.codegen.generated.bus_map import BusMap
+from canroll.codegen.generated.mailbox import EXTENDED, Mailbox
+from canroll.codegen.run import memory_image
+from canroll.codegen.run.bus_firmware import BusFirmware
 from canroll.errors import UnknownNameError
 from canroll.extensions.exchange.fmu import archive, ecu_signals
 from canroll.extensions.exchange.fmu.description import unit_name
@@ -27,13 +32,8 @@ from canroll.extensions.exchange.fmu.variables import (
     Terminal,
     Variable,
 )
-from codegen.export.header import gains_header
-from codegen.generated.bus_map import BusMap
-from codegen.generated.mailbox import EXTENDED, Mailbox
-from codegen.run import memory_image
-from codegen.run.bus_firmware import BusFirmware
-from firmware.calibration import Calibration
-from firmware.subset import Field, fields
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.subset import Field, fields
 
 IDENTIFIER = "canroll_ecu"
 CAN, SIGNALS = "can", "signals"

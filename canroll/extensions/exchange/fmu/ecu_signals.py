@@ -3,13 +3,13 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from canroll.codegen.generated.bus_map import BusMap
+from canroll.codegen.generated.mailbox import SAMPLE_COUNTERS, Mailbox
+from canroll.codegen.generated.mapped_signal import MappedSignal
 from canroll.errors import CanrollError
 from canroll.extensions.exchange.fmu.description import unit_name
 from canroll.extensions.exchange.fmu.variables import FLOAT64, INPUT, OUTPUT, Variable
-from codegen.generated.bus_map import BusMap
-from codegen.generated.mailbox import SAMPLE_COUNTERS, Mailbox
-from codegen.generated.mapped_signal import MappedSignal
-from firmware.calibration import Calibration
+from canroll.firmware.calibration import Calibration
 
 ECHO = ("accepted_counter", "command_held")
 """Fields by which the actuators acknowledge commands, which frames without counters need not."""

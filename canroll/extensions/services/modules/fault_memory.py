@@ -6,8 +6,8 @@ manufacturer-specific, no failure type.
 
 from canroll.extensions.services.modules.isotp import put
 from canroll.extensions.services.modules.uds_state import N_KEPT, Uds
-from firmware.state import N_FAULT_CODES, Ecu
-from firmware.subset import clamp, i32
+from canroll.firmware.state import N_FAULT_CODES, Ecu
+from canroll.firmware.subset import clamp, i32
 
 FAMILY = 0x5A
 # bits of the status that are kept: test failed, failed in this cycle, confirmed

@@ -14,7 +14,7 @@ from canroll.extensions.services.modules.uds_state import (
     TIMER_MAX,
     Uds,
 )
-from firmware.subset import byte, clamp, i32, i64, tdiv
+from canroll.firmware.subset import byte, clamp, i32, i64, tdiv
 
 SINGLE = 0
 FIRST = 1

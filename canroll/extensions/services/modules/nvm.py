@@ -13,10 +13,10 @@ from canroll.extensions.services.modules.nvm_state import (
     Nvm,
 )
 from canroll.extensions.services.modules.uds_state import N_KEPT
-from firmware.calibration import Calibration
-from firmware.check import folded
-from firmware.state import N_FAULT_CODES, Ecu
-from firmware.subset import byte, bytes_of, clamp, clear, i32, to_i32, u32
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.check import folded
+from canroll.firmware.state import N_FAULT_CODES, Ecu
+from canroll.firmware.subset import byte, bytes_of, clamp, clear, i32, to_i32, u32
 
 
 def size(nvm: Nvm) -> i32:

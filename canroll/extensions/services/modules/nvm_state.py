@@ -6,8 +6,8 @@ It is copied to and from that memory as it is. Version and CRC say whether it ma
 from typing import Annotated
 
 from canroll.extensions.services.modules.uds_state import N_KEPT
-from firmware.state import N_FAULT_CODES
-from firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
+from canroll.firmware.state import N_FAULT_CODES
+from canroll.firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
 
 # of the record's layout; another number of fault codes is another layout
 VERSION = 1 << 8 | N_FAULT_CODES

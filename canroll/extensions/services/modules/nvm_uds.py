@@ -6,9 +6,9 @@
 from canroll.extensions.services.modules.nvm import checksum, refusal
 from canroll.extensions.services.modules.nvm_state import ALL_CODES, Nvm
 from canroll.extensions.services.modules.uds_state import N_KEPT, Uds
-from firmware.calibration import Calibration
-from firmware.state import N_FAULT_CODES, SAFE, Ecu
-from firmware.subset import byte, clamp, i32
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.state import N_FAULT_CODES, SAFE, Ecu
+from canroll.firmware.subset import byte, clamp, i32
 
 
 def save(nvm: Nvm, uds: Uds) -> None:

@@ -35,9 +35,9 @@ from canroll.extensions.services.modules.uds_state import (
     TIMER_MAX,
     Uds,
 )
-from firmware.calibration import Calibration
-from firmware.state import N_FAULT_CODES, Ecu
-from firmware.subset import byte, clamp, clear, i32, u8
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.state import N_FAULT_CODES, Ecu
+from canroll.firmware.subset import byte, clamp, clear, i32, u8
 
 __all__ = ["init", "receive", "tick"]
 

@@ -5,8 +5,8 @@ UDS (ISO 14229-1) over ISO-TP (ISO 15765-2) with normal addressing and frames of
 
 from typing import Annotated
 
-from firmware.state import N_FAULT_CODES
-from firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
+from canroll.firmware.state import N_FAULT_CODES
+from canroll.firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
 
 # transport
 FRAME = 8

@@ -48,10 +48,21 @@ from canroll.extensions.services.modules.xcp_state import (
     UNKNOWN,
     Xcp,
 )
-from firmware.calibration import Calibration
-from firmware.limits import LAST_BYTE
-from firmware.state import Ecu
-from firmware.subset import byte, clamp, clear, i32, octet, set_octet, to_i32, to_u32, u8, u32
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.limits import LAST_BYTE
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import (
+    byte,
+    clamp,
+    clear,
+    i32,
+    octet,
+    set_octet,
+    to_i32,
+    to_u32,
+    u8,
+    u32,
+)
 
 __all__ = ["init", "receive", "tick"]
 

@@ -37,9 +37,9 @@ from canroll.extensions.services.modules.xcp_state import (
     TEXT,
     Xcp,
 )
-from firmware.calibration import Calibration
-from firmware.state import Ecu
-from firmware.subset import byte, bytes_of, clamp, i32, octet, tdiv
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import byte, bytes_of, clamp, i32, octet, tdiv
 
 # phases of making lists
 FREE = 1

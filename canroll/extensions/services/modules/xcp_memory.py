@@ -14,10 +14,10 @@ from canroll.extensions.services.modules.xcp_state import (
     WRITE_PROTECTED,
     Xcp,
 )
-from firmware.calibration import Calibration
-from firmware.limits import LAST_BYTE
-from firmware.state import Ecu
-from firmware.subset import (
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.limits import LAST_BYTE
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import (
     byte,
     bytes_of,
     clamp,

@@ -20,11 +20,11 @@ from canroll.extensions.services.modules.xcp_state import (
     WRITE_PROTECTED,
     Xcp,
 )
-from firmware.calibration import Calibration
-from firmware.check import check_rules, checked_word, fits, folded
-from firmware.limits import BYTES, FIELDS, LAST_BYTE, LAST_WORD, RANGE, SIZE
-from firmware.state import CORRUPT, Ecu
-from firmware.subset import byte, clamp, i32, octet, set_octet, set_word, to_i32, to_u32
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.check import check_rules, checked_word, fits, folded
+from canroll.firmware.limits import BYTES, FIELDS, LAST_BYTE, LAST_WORD, RANGE, SIZE
+from canroll.firmware.state import CORRUPT, Ecu
+from canroll.firmware.subset import byte, clamp, i32, octet, set_octet, set_word, to_i32, to_u32
 
 # part of a job in a tick
 ELEMENTS = 16

@@ -6,8 +6,8 @@ nothing else; it writes nothing but the working page, a second calibration recor
 
 from typing import Annotated
 
-from firmware.limits import FIELDS, LAST_BYTE, LAST_WORD
-from firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
+from canroll.firmware.limits import FIELDS, LAST_BYTE, LAST_WORD
+from canroll.firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
 
 # errors, as the standard numbers them
 BUSY = 0x10

@@ -7,13 +7,13 @@ import pytest
 from scipy.stats import kstest, lognorm, norm, spearmanr, truncnorm
 from support import split_bus
 
-import vehicles
+from canroll import vehicles
 from canroll.cli.main import main
 from canroll.errors import CanrollError
 from canroll.extensions.campaign import distributions, quantities
 from canroll.extensions.campaign.campaign_file import load, of_options
 from canroll.extensions.campaign.space import Correlation, Sampling, Space
-from plant_sim.bodies.parameters import build_parameters
+from canroll.plant_sim.bodies.parameters import build_parameters
 
 WHOLE = """
 schema = 1

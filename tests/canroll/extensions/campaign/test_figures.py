@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from canroll.extensions.campaign.figures import FIGURES, NEEDED, figures, without_control
+from canroll.firmware.state import SAFE
 from canroll.runs import experiment
 from canroll.studies import variation
-from firmware.state import SAFE
 
 SPREAD = variation.DEFAULT_SPREAD
 

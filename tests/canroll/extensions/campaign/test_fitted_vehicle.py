@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, lognorm, norm, spearmanr
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
 from canroll.extensions.campaign import campaign_file
 from canroll.studies import variation

@@ -5,15 +5,15 @@ from functools import cache
 
 import pytest
 
-import vehicles
-from gain_gen.analysis.family import family_of
-from gain_gen.calibration import calibration_file
-from gain_gen.calibration.calibration_file import LoadedCalibration
-from gain_gen.calibration.freeze import calibrate
-from gain_gen.calibration.options import QuantiseOptions
-from gain_gen.design import design
-from gain_gen.margin_report import task_of
-from gain_gen.models.task import Delay, Task
+from canroll import vehicles
+from canroll.gain_gen.analysis.family import family_of
+from canroll.gain_gen.calibration import calibration_file
+from canroll.gain_gen.calibration.calibration_file import LoadedCalibration
+from canroll.gain_gen.calibration.freeze import calibrate
+from canroll.gain_gen.calibration.options import QuantiseOptions
+from canroll.gain_gen.design import design
+from canroll.gain_gen.margin_report import task_of
+from canroll.gain_gen.models.task import Delay, Task
 
 DELAY = Delay(0.0144, 0.0056, 0.0231)
 """Of van_real on a bus of 500 kbit/s."""

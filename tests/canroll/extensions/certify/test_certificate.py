@@ -38,16 +38,16 @@ from canroll.extensions.certify.coverage import shortfall
 from canroll.extensions.certify.delay_sequence import simulate
 from canroll.extensions.certify.disturbed import disturbances
 from canroll.extensions.certify.subject import condition_of, resolutions
-from firmware.schedule import schedule
-from firmware.state import RX_VEHICLE_MOTION, Ecu
-from gain_gen.analysis.family import family_of
-from gain_gen.analysis.sampled_loop import spectral_radius
-from gain_gen.calibration.dequantise import dequantise
-from gain_gen.calibration.rounding_error import integer_loop
-from gain_gen.laws.rate_gain import free_peak
-from gain_gen.laws.roll_rate_feedback import exact_gamma, open_loop_gamma
-from gain_gen.margin_report import task_of
-from gain_gen.models.task import Delay
+from canroll.firmware.schedule import schedule
+from canroll.firmware.state import RX_VEHICLE_MOTION, Ecu
+from canroll.gain_gen.analysis.family import family_of
+from canroll.gain_gen.analysis.sampled_loop import spectral_radius
+from canroll.gain_gen.calibration.dequantise import dequantise
+from canroll.gain_gen.calibration.rounding_error import integer_loop
+from canroll.gain_gen.laws.rate_gain import free_peak
+from canroll.gain_gen.laws.roll_rate_feedback import exact_gamma, open_loop_gamma
+from canroll.gain_gen.margin_report import task_of
+from canroll.gain_gen.models.task import Delay
 
 LAWS = ("steering_lead", "lqr", "hinf_delay")
 """A compensator, a state feedback with prediction, an output feedback."""
@@ -410,7 +410,7 @@ def test_the_roll_model_alone_is_a_condition_beside_the_model_of_the_papers(
         raise CanrollError("no car")
 
     calibration = calibrated("hinf_delay")
-    monkeypatch.setattr("gain_gen.analysis.family.family", no_car)
+    monkeypatch.setattr("canroll.gain_gen.analysis.family.family", no_car)
     content = certify(task_of(calibration), calibration).content
     claims = list(checker.check(content, integers_of(calibration)))[1:]
     assert claims[0].startswith("proved: 1-DOF roll model, 80 km/h: every tick: ")

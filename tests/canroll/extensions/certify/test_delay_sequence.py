@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from canroll.extensions.certify.delay_sequence import closest, simulate
-from gain_gen.analysis.family import family_of
-from gain_gen.analysis.sampled_loop import spectral_radius
-from gain_gen.calibration.dequantise import dequantise
-from gain_gen.margin_report import task_of
-from gain_gen.models.controller import scaled_controller
+from canroll.gain_gen.analysis.family import family_of
+from canroll.gain_gen.analysis.sampled_loop import spectral_radius
+from canroll.gain_gen.calibration.dequantise import dequantise
+from canroll.gain_gen.margin_report import task_of
+from canroll.gain_gen.models.controller import scaled_controller
 
 
 @pytest.fixture(scope="module")

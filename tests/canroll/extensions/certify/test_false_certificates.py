@@ -17,7 +17,7 @@ from canroll.extensions.certify import checker, comparison
 from canroll.extensions.certify.certificate import EVERY_TICK, STEERED, TRIGGER, state
 from canroll.extensions.certify.claim import MOMENT, Wish, prove
 from canroll.extensions.certify.subject import subject
-from gain_gen.margin_report import task_of
+from canroll.gain_gen.margin_report import task_of
 
 
 @pytest.fixture(scope="module")

@@ -10,19 +10,19 @@ pytest.importorskip("flint")
 
 from flint import fmpq
 
+from canroll.codegen.run.memory_image import sealed
 from canroll.extensions.certify import checker
 from canroll.extensions.certify.certificate import EVERY_TICK, TRIGGER, state
 from canroll.extensions.certify.claim import Wish, prove
 from canroll.extensions.certify.subject import INTEGERS, condition_of, subject
-from codegen.run.memory_image import sealed
-from firmware.calibration import Q_ACCELERATION, Q_MOMENT, Q_RATE, STATE_MAX, Calibration
-from firmware.control_law import control
-from firmware.ecu import init
-from firmware.observer import look_ahead, observe
-from firmware.schedule import schedule
-from firmware.state import ACTIVE, RX_ACTUATOR_STATE, RX_IMU, RX_VEHICLE_MOTION, Ecu
-from firmware.subset import fields
-from gain_gen.margin_report import task_of
+from canroll.firmware.calibration import Q_ACCELERATION, Q_MOMENT, Q_RATE, STATE_MAX, Calibration
+from canroll.firmware.control_law import control
+from canroll.firmware.ecu import init
+from canroll.firmware.observer import look_ahead, observe
+from canroll.firmware.schedule import schedule
+from canroll.firmware.state import ACTIVE, RX_ACTUATOR_STATE, RX_IMU, RX_VEHICLE_MOTION, Ecu
+from canroll.firmware.subset import fields
+from canroll.gain_gen.margin_report import task_of
 
 REASONS = {
     "what it is called, and its own sum": ("layout", "version", "id", "crc"),

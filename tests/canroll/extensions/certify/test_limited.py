@@ -189,10 +189,10 @@ def test_a_car_that_only_control_makes_stable_is_not_proved(claims, integers):
 
 def test_what_the_limit_leaves_of_the_output_drives_the_compensator(calibrated):
     """The firmware's own compensator against the checker's forms, far beyond the limit."""
-    from codegen.run.memory_image import sealed
-    from firmware.control_law import control
-    from firmware.ecu import init
-    from firmware.state import ACTIVE, Ecu
+    from canroll.codegen.run.memory_image import sealed
+    from canroll.firmware.control_law import control
+    from canroll.firmware.ecu import init
+    from canroll.firmware.state import ACTIVE, Ecu
 
     record = copy.deepcopy(calibrated("steering_lead").record)
     record.slew_max = (1 << 30) - 1

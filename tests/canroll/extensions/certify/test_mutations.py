@@ -26,7 +26,7 @@ from support.certificates import (
     signed,
 )
 
-import vehicles
+from canroll import vehicles
 from canroll.extensions.certify import checker
 from canroll.extensions.certify.certificate import (
     EVERY_TICK,

@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.cli import main as cli
 from canroll.errors import CanrollError
 from canroll.extensions.certify.subject import resolutions, subject
-from firmware.calibration import Calibration
-from gain_gen.calibration import calibration_file
-from gain_gen.calibration.resolution import of_contract
-from gain_gen.margin_report import task_of
-from gain_gen.models.task import Resolution
+from canroll.firmware.calibration import Calibration
+from canroll.gain_gen.calibration import calibration_file
+from canroll.gain_gen.calibration.resolution import of_contract
+from canroll.gain_gen.margin_report import task_of
+from canroll.gain_gen.models.task import Resolution
 
 OWN = Path(__file__).parents[4] / "examples" / "own_bus"
 COARSE = (

@@ -2,7 +2,7 @@
 
 import pytest
 
-from codegen.run import native
+from canroll.codegen.run import native
 
 pytest.importorskip("fmpy", reason="fmpy is not installed: pip install 'canroll[fmi]'")
 if native.compiler() is None:

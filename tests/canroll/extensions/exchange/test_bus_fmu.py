@@ -12,10 +12,10 @@ from fmpy.validation import validate_fmu
 from support.fmus import EXTENDED, importer, transmit
 
 from canroll.extensions.exchange import bus_fmu
-from plant_sim import can_bus
-from plant_sim.can_bus import BusFault, NetworkSpec, Node, Segment
-from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, FD, FD_LENGTHS
-from plant_sim.can_bus.wire.frame import EXTENDED as EXTENDED_FLAG
+from canroll.plant_sim import can_bus
+from canroll.plant_sim.can_bus import BusFault, NetworkSpec, Node, Segment
+from canroll.plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, FD, FD_LENGTHS
+from canroll.plant_sim.can_bus.wire.frame import EXTENDED as EXTENDED_FLAG
 
 pytestmark = pytest.mark.slow
 

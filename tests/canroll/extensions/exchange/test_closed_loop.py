@@ -11,12 +11,12 @@ from fmpy.validation import validate_fmu
 from support.fmus import importer, transmit
 
 from canroll.cli.main import parse
+from canroll.codegen.run.backends import open_backend
 from canroll.extensions.exchange.cli import export_fmu
+from canroll.plant_sim import can_bus
+from canroll.plant_sim.can_bus import ACTUATOR, ECU
 from canroll.runs.experiment import build_world, plan
 from canroll.runs.virtual_time import closed_loop
-from codegen.run.backends import open_backend
-from plant_sim import can_bus
-from plant_sim.can_bus import ACTUATOR, ECU
 
 pytestmark = pytest.mark.slow
 

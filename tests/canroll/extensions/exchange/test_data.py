@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import canroll
-import dbc
+from canroll import dbc
 from canroll.cli.run import about
 from canroll.errors import MissingExtraError
 from canroll.report import signal_files

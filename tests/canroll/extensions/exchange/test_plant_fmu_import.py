@@ -14,9 +14,9 @@ from support.foreign_fmu import write_fmu, write_map
 from canroll.cli.main import main, parse
 from canroll.errors import CanrollError
 from canroll.extensions.exchange.cli import export_fmu
+from canroll.plant_sim.bodies import body, own_body
 from canroll.report.run_page import run_page
 from canroll.runs.experiment import build_world, drive, plan, run
-from plant_sim.bodies import body, own_body
 
 pytestmark = pytest.mark.slow
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.cli.main import main
 from canroll.extensions.papers import yim2020
 from canroll.extensions.papers.linear_roll import fast_share
@@ -35,10 +35,10 @@ from canroll.extensions.papers.viadero2022_certificate import WATCHED, relative_
 from canroll.extensions.papers.vu2020 import SAME_TABLE, fitted_weight, frequency_domain
 from canroll.extensions.papers.vu2020_ideal import linear_states
 from canroll.extensions.papers.yim2020_tyres import on_tyres, spectral_radius
+from canroll.gain_gen.analysis.held_plant import held
+from canroll.gain_gen.models.roll import zero_order_hold
 from canroll.runs import experiment
-from gain_gen.analysis.held_plant import held
-from gain_gen.models.roll import zero_order_hold
-from vehicles.full_car import AS_PRINTED, REPAIRED, STATES
+from canroll.vehicles.full_car import AS_PRINTED, REPAIRED, STATES
 
 TABLE_3 = "reduction_db_at_1_rad_s"
 

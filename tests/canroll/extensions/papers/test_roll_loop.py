@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from scipy import signal
 
-import vehicles
+from canroll import vehicles
 from canroll.extensions.papers.conditions import fitted_scale
 from canroll.extensions.papers.roll_loop import STEP, Kalman, RollLoop, motion
-from gain_gen.laws.hinf_event import PRINTED_EVENT_GAIN
-from gain_gen.models.roll import ROLL_RATE
+from canroll.gain_gen.laws.hinf_event import PRINTED_EVENT_GAIN
+from canroll.gain_gen.models.roll import ROLL_RATE
 
 TIME = np.arange(3000) * STEP
 SWAY = 3 * np.sin(2 * TIME)

@@ -6,17 +6,16 @@ import subprocess
 import pytest
 from support.bundles import export
 
-import dbc
-import vehicles
+from canroll import dbc, vehicles
 from canroll.cli import export_c
+from canroll.codegen.export import a2l, bundle
+from canroll.codegen.export.header import gains_header
+from canroll.codegen.generated import signals
+from canroll.codegen.generated.bus_map import XcpFrames
+from canroll.codegen.run import ecu_traffic
+from canroll.codegen.run.bus_firmware import of_bus
 from canroll.extensions.services.xcp_description import described
-from codegen.export import a2l, bundle
-from codegen.export.header import gains_header
-from codegen.generated import signals
-from codegen.generated.bus_map import XcpFrames
-from codegen.run import ecu_traffic
-from codegen.run.bus_firmware import of_bus
-from gain_gen.calibration import calibration_file
+from canroll.gain_gen.calibration import calibration_file
 
 pytestmark = pytest.mark.long
 

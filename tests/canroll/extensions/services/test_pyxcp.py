@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from canroll.codegen.run import memory_image
 from canroll.extensions.services.ecu_on_bus import ecu_on_bus
 from canroll.extensions.services.running import PAGE_ADDRESS
-from codegen.run import memory_image
 
 pytestmark = pytest.mark.slow
 

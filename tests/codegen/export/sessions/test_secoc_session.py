@@ -8,12 +8,12 @@ from cryptography.hazmat.primitives.ciphers import algorithms
 from cryptography.hazmat.primitives.cmac import CMAC
 from support.bundles import export, make
 
-import dbc
-from codegen.export import bundle
-from codegen.export.sessions import secoc_session
-from codegen.run import ecu_traffic
-from codegen.run.bus_firmware import built_in, of_bus
-from dbc.keys import DEVELOPMENT_KEY
+from canroll import dbc
+from canroll.codegen.export import bundle
+from canroll.codegen.export.sessions import secoc_session
+from canroll.codegen.run import ecu_traffic
+from canroll.codegen.run.bus_firmware import built_in, of_bus
+from canroll.dbc.keys import DEVELOPMENT_KEY
 
 needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="needs cc")
 

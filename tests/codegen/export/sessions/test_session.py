@@ -5,12 +5,12 @@ import subprocess
 
 import pytest
 
-from codegen.c99 import emit
-from codegen.export.bundle import TEMPLATES
-from codegen.export.sessions.session import Session
-from codegen.run import ecu_traffic, memory_image, native
-from codegen.run.bus_firmware import built_in
-from firmware.calibration import Calibration
+from canroll.codegen.c99 import emit
+from canroll.codegen.export.bundle import TEMPLATES
+from canroll.codegen.export.sessions.session import Session
+from canroll.codegen.run import ecu_traffic, memory_image, native
+from canroll.codegen.run.bus_firmware import built_in
+from canroll.firmware.calibration import Calibration
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 CALIBRATION = ecu_traffic.random_calibration(4)

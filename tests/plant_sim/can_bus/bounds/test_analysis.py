@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plant_sim.can_bus import DELIVERED, ERROR, REFUSED
-from plant_sim.can_bus.bounds.analysis import (
+from canroll.plant_sim.can_bus import DELIVERED, ERROR, REFUSED
+from canroll.plant_sim.can_bus.bounds.analysis import (
     ErrorModel,
     response_bounds,
     worst_case_utilisation,
 )
-from plant_sim.can_bus.kernel.ledger import drain
-from plant_sim.can_bus.kernel.network import (
+from canroll.plant_sim.can_bus.kernel.ledger import drain
+from canroll.plant_sim.can_bus.kernel.network import (
     BusFault,
     NetworkSpec,
     Node,
@@ -20,10 +20,10 @@ from plant_sim.can_bus.kernel.network import (
     Source,
     build_network,
 )
-from plant_sim.can_bus.kernel.scheduler import advance
-from plant_sim.can_bus.simulation.response_times import traffic_spec
-from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.can_bus.wire.frame import EXTENDED, arbitration_key, worst_case_bits
+from canroll.plant_sim.can_bus.kernel.scheduler import advance
+from canroll.plant_sim.can_bus.simulation.response_times import traffic_spec
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.wire.frame import EXTENDED, arbitration_key, worst_case_bits
 from tests.support.simulated_set import simulated_responses
 
 MS = 1_000_000

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import dbc
+from canroll import dbc
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
-from plant_sim.buses import BUSES
-from plant_sim.can_bus import (
+from canroll.plant_sim.buses import BUSES
+from canroll.plant_sim.can_bus import (
     ACTUATOR,
     ECU,
     IMU,
@@ -22,16 +22,16 @@ from plant_sim.can_bus import (
     load_profile,
     make_network,
 )
-from plant_sim.can_bus.bounds.analysis import response_bounds
-from plant_sim.can_bus.bounds.delay_bounds import (
+from canroll.plant_sim.can_bus.bounds.analysis import response_bounds
+from canroll.plant_sim.can_bus.bounds.delay_bounds import (
     Path,
     delay_bounds,
     message_paths,
     total_delay,
 )
-from plant_sim.can_bus.network.own_frames import own_messages
-from plant_sim.can_bus.simulation.ages import BusLoop, simulate_ages
-from plant_sim.kernels.instants import MS
+from canroll.plant_sim.can_bus.network.own_frames import own_messages
+from canroll.plant_sim.can_bus.simulation.ages import BusLoop, simulate_ages
+from canroll.plant_sim.kernels.instants import MS
 from tests.support.background import background_of
 
 FRAMES = {m.name: m.frame_id for m in dbc.load().messages}

@@ -5,22 +5,22 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plant_sim.buses.topology import BusGateway, BusSegment, TimeSpread, Topology
-from plant_sim.can_bus import advance, build_network, drain
-from plant_sim.can_bus.bounds.analysis import (
+from canroll.plant_sim.buses.topology import BusGateway, BusSegment, TimeSpread, Topology
+from canroll.plant_sim.can_bus import advance, build_network, drain
+from canroll.plant_sim.can_bus.bounds.analysis import (
     OVERLOADED,
     ErrorModel,
     response_bounds,
     worst_case_utilisation,
 )
-from plant_sim.can_bus.bounds.delay_bounds import path_of, total_delay
-from plant_sim.can_bus.bounds.holistic import UNLIMITED, arrivals
-from plant_sim.can_bus.network.network_spec import network_spec
-from plant_sim.can_bus.network.routing import Hop, RoutedMessage, RoutedNetwork
-from plant_sim.can_bus.simulation.ages import simulate_ages_of_network
-from plant_sim.can_bus.simulation.response_times import listeners, simulate_network
-from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, FD_LENGTHS
+from canroll.plant_sim.can_bus.bounds.delay_bounds import path_of, total_delay
+from canroll.plant_sim.can_bus.bounds.holistic import UNLIMITED, arrivals
+from canroll.plant_sim.can_bus.network.network_spec import network_spec
+from canroll.plant_sim.can_bus.network.routing import Hop, RoutedMessage, RoutedNetwork
+from canroll.plant_sim.can_bus.simulation.ages import simulate_ages_of_network
+from canroll.plant_sim.can_bus.simulation.response_times import listeners, simulate_network
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, FD_LENGTHS
 
 MS = 1_000_000
 

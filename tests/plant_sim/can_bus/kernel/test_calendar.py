@@ -5,9 +5,9 @@ import heapq
 import numpy as np
 import pytest
 
-from plant_sim.can_bus.kernel import layout
-from plant_sim.can_bus.kernel.calendar import schedule, take
-from plant_sim.kernels.jit import njit
+from canroll.plant_sim.can_bus.kernel import layout
+from canroll.plant_sim.can_bus.kernel.calendar import schedule, take
+from canroll.plant_sim.kernels.jit import njit
 
 
 @njit

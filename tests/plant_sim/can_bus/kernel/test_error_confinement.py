@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
-from plant_sim.buses.topology import TimeSpread
-from plant_sim.can_bus import (
+from canroll.plant_sim.buses.topology import TimeSpread
+from canroll.plant_sim.can_bus import (
     DELIVERED,
     ERROR,
     REFUSED,
@@ -22,9 +22,9 @@ from plant_sim.can_bus import (
     enqueue,
     took,
 )
-from plant_sim.can_bus.kernel.layout import BUS_OFF, ERROR_ACTIVE, ERROR_PASSIVE
-from plant_sim.can_bus.wire.bits import wire_bits
-from plant_sim.can_bus.wire.frame import EXTENDED, REMOTE, frame_bits
+from canroll.plant_sim.can_bus.kernel.layout import BUS_OFF, ERROR_ACTIVE, ERROR_PASSIVE
+from canroll.plant_sim.can_bus.wire.bits import wire_bits
+from canroll.plant_sim.can_bus.wire.frame import EXTENDED, REMOTE, frame_bits
 
 BIT = 2000
 MS = 1_000_000

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.buses.topology import TimeSpread
-from plant_sim.can_bus import (
+from canroll.plant_sim.buses.topology import TimeSpread
+from canroll.plant_sim.can_bus import (
     DELIVERED,
     SUPERSEDED,
     BusFault,
@@ -23,8 +23,8 @@ from plant_sim.can_bus import (
     enqueue,
     load,
 )
-from plant_sim.can_bus.kernel.scheduler import next_event_ns
-from plant_sim.can_bus.wire.frame import (
+from canroll.plant_sim.can_bus.kernel.scheduler import next_event_ns
+from canroll.plant_sim.can_bus.wire.frame import (
     BIT_RATE_SWITCH,
     EXTENDED,
     FD,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus.traffic.log_reader import read_log
-from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, REMOTE
+from canroll.plant_sim.can_bus.traffic.log_reader import read_log
+from canroll.plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, REMOTE
 
 DATE = "date Mon Dec 6 11:21:13 am 2021\n"
 HEAD = f"{DATE}base hex  timestamps absolute\ninternal events logged\nBegin TriggerBlock x\n"

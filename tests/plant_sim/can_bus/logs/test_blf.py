@@ -6,7 +6,7 @@ import can
 import pytest
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus.traffic.log_reader import read_log
+from canroll.plant_sim.can_bus.traffic.log_reader import read_log
 
 MS = 1_000_000
 FRAME, ERROR, FD_ERROR, STATISTIC = 1, 2, 104, 4

@@ -3,8 +3,8 @@
 import pytest
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus.traffic.log_reader import read_log
-from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE
+from canroll.plant_sim.can_bus.traffic.log_reader import read_log
+from canroll.plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE
 
 LOGGED = "(10.0) can0 0A0#1122334455667788"
 PRINTED = " (10.0)  can0  0A0   [8]  11 22 33 44 55 66 77 88"

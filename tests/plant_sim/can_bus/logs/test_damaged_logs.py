@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus.logs import databases
-from plant_sim.can_bus.traffic.log_reader import LOGS, read_log
+from canroll.plant_sim.can_bus.logs import databases
+from canroll.plant_sim.can_bus.traffic.log_reader import LOGS, read_log
 
 FRAMES = 60
 FOREIGN_WORDS = re.compile(

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus.logs.sections import find_sections
-from plant_sim.can_bus.traffic.log_reader import read_log
+from canroll.plant_sim.can_bus.logs.sections import find_sections
+from canroll.plant_sim.can_bus.traffic.log_reader import read_log
 
 MS = 1_000_000
 DAY = 86_400_000 * MS

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus.traffic.log_reader import read_log
-from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, REMOTE
+from canroll.plant_sim.can_bus.traffic.log_reader import read_log
+from canroll.plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, REMOTE
 
 SAVVYCAN = "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\n"
 ROWS = range(20)

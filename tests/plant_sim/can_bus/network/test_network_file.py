@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
-from plant_sim.buses.topology import NODES, BusGateway, TimeSpread
-from plant_sim.can_bus import ACTUATOR, ECU, IMU, load_profile, make_network
-from plant_sim.can_bus.bounds.delay_bounds import delay_bounds
-from plant_sim.can_bus.network.own_frames import own_messages
-from plant_sim.can_bus.network.profiles import profile_spec, routed_messages
-from plant_sim.can_bus.simulation.ages import BusLoop, simulate_ages
-from plant_sim.kernels.instants import MS
+from canroll.plant_sim.buses.topology import NODES, BusGateway, TimeSpread
+from canroll.plant_sim.can_bus import ACTUATOR, ECU, IMU, load_profile, make_network
+from canroll.plant_sim.can_bus.bounds.delay_bounds import delay_bounds
+from canroll.plant_sim.can_bus.network.own_frames import own_messages
+from canroll.plant_sim.can_bus.network.profiles import profile_spec, routed_messages
+from canroll.plant_sim.can_bus.simulation.ages import BusLoop, simulate_ages
+from canroll.plant_sim.kernels.instants import MS
 from tests.support.background import background_of
 
 ROOT = Path(__file__).parents[4]

@@ -2,11 +2,11 @@
 
 import pytest
 
-import dbc
-from codegen.generated.bus_map import load
-from codegen.generated.signals import DBC, MAP
-from plant_sim.buses.profile import BUSY, QUICK, SECURED
-from plant_sim.can_bus.network.own_frames import most_received
+from canroll import dbc
+from canroll.codegen.generated.bus_map import load
+from canroll.codegen.generated.signals import DBC, MAP
+from canroll.plant_sim.buses.profile import BUSY, QUICK, SECURED
+from canroll.plant_sim.can_bus.network.own_frames import most_received
 
 SHORTEST = {"secured_fd": 157_000, "500k": 222_000, "125k_busy": 888_000}
 """A frame without a stuff bit, ns: 29 bits at 500 kbit/s and 198 at 2 Mbit/s; 111 if classic."""

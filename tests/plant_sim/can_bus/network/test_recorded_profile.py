@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus import (
+from canroll.plant_sim.can_bus import (
     DELIVERED,
     NODES,
     advance,
@@ -17,12 +17,12 @@ from plant_sim.can_bus import (
     make_network,
     recorded_traffic,
 )
-from plant_sim.can_bus.bounds.analysis import response_bounds
-from plant_sim.can_bus.bounds.delay_bounds import delay_bounds
-from plant_sim.can_bus.network.own_frames import DEFAULT_COMMAND, own_messages
-from plant_sim.can_bus.network.profiles import profile_spec
-from plant_sim.can_bus.simulation.response_times import traffic_spec
-from plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.bounds.analysis import response_bounds
+from canroll.plant_sim.can_bus.bounds.delay_bounds import delay_bounds
+from canroll.plant_sim.can_bus.network.own_frames import DEFAULT_COMMAND, own_messages
+from canroll.plant_sim.can_bus.network.profiles import profile_spec
+from canroll.plant_sim.can_bus.simulation.response_times import traffic_spec
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
 from tests.support.background import background_of
 
 MS = 1_000_000

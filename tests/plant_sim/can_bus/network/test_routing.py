@@ -5,18 +5,18 @@ from dataclasses import replace
 import pytest
 
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.buses.topology import BusGateway, BusSegment, TimeSpread, Topology
-from plant_sim.can_bus import (
+from canroll.plant_sim.buses.topology import BusGateway, BusSegment, TimeSpread, Topology
+from canroll.plant_sim.can_bus import (
     BusProfile,
     load_profile,
     profile_spec,
 )
-from plant_sim.can_bus.bounds.holistic import arrivals
-from plant_sim.can_bus.network.own_frames import own_messages
-from plant_sim.can_bus.network.profiles import routed_messages
-from plant_sim.can_bus.network.routing import Hop, RoutedMessage, RoutedNetwork, route
-from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.kernels.instants import MS
+from canroll.plant_sim.can_bus.bounds.holistic import arrivals
+from canroll.plant_sim.can_bus.network.own_frames import own_messages
+from canroll.plant_sim.can_bus.network.profiles import routed_messages
+from canroll.plant_sim.can_bus.network.routing import Hop, RoutedMessage, RoutedNetwork, route
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.kernels.instants import MS
 
 LINE = Topology(
     segments=(

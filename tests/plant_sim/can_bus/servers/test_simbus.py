@@ -8,9 +8,9 @@ import can
 import cantools
 import pytest
 
-import dbc
-from plant_sim.can_bus.servers.hub import TRANSMIT_QUEUE
-from plant_sim.can_bus.servers.simbus import SimBus
+from canroll import dbc
+from canroll.plant_sim.can_bus.servers.hub import TRANSMIT_QUEUE
+from canroll.plant_sim.can_bus.servers.simbus import SimBus
 
 
 @pytest.fixture

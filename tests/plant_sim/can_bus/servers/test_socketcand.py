@@ -9,22 +9,22 @@ import time
 import can
 import pytest
 
-import dbc
+from canroll import dbc
 from canroll.cli import bus_server
 from canroll.cli.main import main
 from canroll.errors import CanrollError
-from plant_sim.can_bus.kernel.network import build_network
-from plant_sim.can_bus.servers import socketcand
-from plant_sim.can_bus.servers.socketcand import (
+from canroll.plant_sim.can_bus.kernel.network import build_network
+from canroll.plant_sim.can_bus.servers import socketcand
+from canroll.plant_sim.can_bus.servers.socketcand import (
     MAX_CLIENTS,
     ProtocolError,
     SocketcandServer,
     parse_frame,
 )
-from plant_sim.can_bus.servers.wall_clock import serve_network
-from plant_sim.can_bus.simulation.response_times import traffic_spec
-from plant_sim.can_bus.traffic.files import load_traffic
-from plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE
+from canroll.plant_sim.can_bus.servers.wall_clock import serve_network
+from canroll.plant_sim.can_bus.simulation.response_times import traffic_spec
+from canroll.plant_sim.can_bus.traffic.files import load_traffic
+from canroll.plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE
 
 DIAGNOSTICS = dbc.load().get_message_by_name("RollControlDiagnostics").frame_id
 

@@ -2,11 +2,11 @@
 
 import pytest
 
-from plant_sim.can_bus.bounds.delay_bounds import loop_delay
-from plant_sim.can_bus.network.routing import RoutedNetwork
-from plant_sim.can_bus.simulation.ages import simulate_ages_of_network
-from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
+from canroll.plant_sim.can_bus.bounds.delay_bounds import loop_delay
+from canroll.plant_sim.can_bus.network.routing import RoutedNetwork
+from canroll.plant_sim.can_bus.simulation.ages import simulate_ages_of_network
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
 
 MS = 1_000_000
 

@@ -6,9 +6,9 @@ import pytest
 
 from canroll.cli import main
 from canroll.errors import CanrollError
-from plant_sim.can_bus import load_profile
-from plant_sim.can_bus.bounds.delay_bounds import delay_bounds, message_paths
-from plant_sim.can_bus.network.profiles import routed_messages
+from canroll.plant_sim.can_bus import load_profile
+from canroll.plant_sim.can_bus.bounds.delay_bounds import delay_bounds, message_paths
+from canroll.plant_sim.can_bus.network.profiles import routed_messages
 
 QUIET = load_profile("500k", None, None)
 

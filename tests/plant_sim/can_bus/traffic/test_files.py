@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-import dbc
+from canroll import dbc
 from canroll.cli import bus as command
 from canroll.cli.main import parse
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.can_bus.traffic.files import load_traffic
-from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
+from canroll.plant_sim.can_bus.traffic.files import load_traffic
+from canroll.plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
 
 MS = 1_000_000
 SET = """

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.can_bus import DELIVERED, Node, advance, build_network, drain, enqueue
-from plant_sim.can_bus.bounds.analysis import response_bounds
-from plant_sim.can_bus.kernel.network import add_node
-from plant_sim.can_bus.simulation.response_times import traffic_spec
-from plant_sim.can_bus.traffic.arrivals import find_arrivals
-from plant_sim.can_bus.traffic.inference import infer_buses
-from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
+from canroll.plant_sim.can_bus import DELIVERED, Node, advance, build_network, drain, enqueue
+from canroll.plant_sim.can_bus.bounds.analysis import response_bounds
+from canroll.plant_sim.can_bus.kernel.network import add_node
+from canroll.plant_sim.can_bus.simulation.response_times import traffic_spec
+from canroll.plant_sim.can_bus.traffic.arrivals import find_arrivals
+from canroll.plant_sim.can_bus.traffic.inference import infer_buses
+from canroll.plant_sim.can_bus.traffic.messages import BusMessage
+from canroll.plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
 
 MS = 1_000_000
 SECONDS = 8

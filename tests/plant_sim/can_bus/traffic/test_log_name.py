@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from plant_sim.buses import BUSES
-from plant_sim.can_bus.traffic.log_name import LogName, log_name
+from canroll.plant_sim.buses import BUSES
+from canroll.plant_sim.can_bus.traffic.log_name import LogName, log_name
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus import (
+from canroll.plant_sim.can_bus import (
     NetworkSpec,
     Node,
     Segment,
@@ -18,7 +18,7 @@ from plant_sim.can_bus import (
     drain,
     enqueue,
 )
-from plant_sim.can_bus.traffic.log_playback import feed, load_recording
+from canroll.plant_sim.can_bus.traffic.log_playback import feed, load_recording
 
 MS = 1_000_000
 

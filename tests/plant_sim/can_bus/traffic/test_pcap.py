@@ -6,8 +6,8 @@ import can
 import pytest
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus.traffic.log_playback import load_recording
-from plant_sim.can_bus.traffic.pcap import CaptureReader, PcapngWriter, PcapWriter
+from canroll.plant_sim.can_bus.traffic.log_playback import load_recording
+from canroll.plant_sim.can_bus.traffic.pcap import CaptureReader, PcapngWriter, PcapWriter
 
 MESSAGE = can.Message(
     timestamp=1.000000002,

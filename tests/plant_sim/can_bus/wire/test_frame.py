@@ -5,8 +5,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from plant_sim.can_bus.wire.bits import wire_bits
-from plant_sim.can_bus.wire.frame import (
+from canroll.plant_sim.can_bus.wire.bits import wire_bits
+from canroll.plant_sim.can_bus.wire.frame import (
     BIT_RATE_SWITCH,
     ERROR_STATE,
     EXTENDED,

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-import dbc
+from canroll import dbc
+from canroll.codegen.generated.bus_map import load
 from canroll.extensions.campaign.attacks import kinds
 from canroll.extensions.campaign.attacks.attacker import Ear, Heard
-from codegen.generated.bus_map import load
-from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
-from plant_sim.faults import parse
-from plant_sim.nodes import authentication, codec, codec_tables, e2e
-from plant_sim.nodes.actuators import COMMANDS
+from canroll.plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
+from canroll.plant_sim.faults import parse
+from canroll.plant_sim.nodes import authentication, codec, codec_tables, e2e
+from canroll.plant_sim.nodes.actuators import COMMANDS
 
 COMMAND = "AntiRollBarCommand"
 SECURED = codec_tables.of_map(load(dbc.SECURED_PATH, dbc.SECURED_MAP))

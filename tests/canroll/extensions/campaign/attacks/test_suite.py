@@ -10,8 +10,8 @@ from canroll.errors import CanrollError
 from canroll.extensions.campaign.attacks import kinds, suite
 from canroll.extensions.campaign.attacks.attacker import AttackedWorld, Ear, Forged
 from canroll.extensions.campaign.attacks.kinds import Attack
+from canroll.plant_sim.nodes import authentication, codec_tables
 from canroll.runs.experiment import drive, plan, world_options
-from plant_sim.nodes import authentication, codec_tables
 
 pytestmark = pytest.mark.slow
 

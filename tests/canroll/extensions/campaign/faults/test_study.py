@@ -12,9 +12,9 @@ from canroll.errors import CanrollError
 from canroll.extensions.campaign.faults import catalogue as fault_catalogue
 from canroll.extensions.campaign.faults import study as fault_study
 from canroll.extensions.campaign.faults.catalogue import DOUBLE
+from canroll.plant_sim.faults import parse
 from canroll.reaction.visibility import Visibility
 from canroll.runs import experiment
-from plant_sim.faults import parse
 
 CATALOGUE = """
 [[single]]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from canroll.extensions.campaign.faults.study import residuals_of
+from canroll.plant_sim.faults import parse
 from canroll.reaction.reaction import observe
 from canroll.reaction.visibility import Visibility, accepted, visibility
 from canroll.runs.experiment import drive, plan
-from plant_sim.faults import parse
 
 OFFSETS = {
     "roll rate": "Imu.RollRate=offset:{}@1",

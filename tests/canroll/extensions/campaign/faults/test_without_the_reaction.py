@@ -7,11 +7,11 @@ import pytest
 
 from canroll.extensions.campaign.faults.catalogue import CatalogueEntry
 from canroll.extensions.campaign.faults.study import StudiedLoop, judge
+from canroll.firmware.state import ACTIVE, INIT
+from canroll.gain_gen.calibration.record import copied, identify
 from canroll.reaction import switched_off
 from canroll.runs.experiment import drive, plan
 from canroll.runs.metrics import peak
-from firmware.state import ACTIVE, INIT
-from gain_gen.calibration.record import copied, identify
 
 FAULT = "Imu=dropout@1.33:1.63"
 

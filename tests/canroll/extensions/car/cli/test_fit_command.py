@@ -9,11 +9,11 @@ import pytest
 import tomli_w
 from support import fit_truth
 
-import vehicles
+from canroll import vehicles
 from canroll.cli.main import main
 from canroll.extensions.car.identification import input_noise
 from canroll.extensions.car.identification.unknowns import NUMBERS
-from vehicles import plausible
+from canroll.vehicles import plausible
 
 FREE = ("tyre.cornering_stiffness_front", "tyre.cornering_stiffness_rear")
 HELD = tuple(key for key in NUMBERS if key not in FREE)

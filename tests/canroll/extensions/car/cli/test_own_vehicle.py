@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.cli import export_c
 from canroll.cli.main import main
+from canroll.gain_gen.calibration import calibration_file
 from canroll.runs import saved_run
 from canroll.setup.controller import prepare
-from gain_gen.calibration import calibration_file
 
 
 @pytest.fixture

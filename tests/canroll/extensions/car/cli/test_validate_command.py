@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.cli.main import main
 from tests.support.measured_drives import driven, dwell, free, ramp, time_of
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.cli.main import main
 
 SIZES = [

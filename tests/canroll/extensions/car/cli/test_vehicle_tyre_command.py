@@ -7,8 +7,8 @@ import pytest
 from canroll.cli.main import main
 from canroll.extensions.car.cli import options
 from canroll.extensions.car.tyres.measured import AXES
-from vehicles.tyres import tir
-from vehicles.tyres.magic_formula import Coefficients
+from canroll.vehicles.tyres import tir
+from canroll.vehicles.tyres.magic_formula import Coefficients
 
 LINES = ["slip_angle_deg,load_kn,lateral_force_n"]
 for _load in (2.0, 4.0, 6.0):

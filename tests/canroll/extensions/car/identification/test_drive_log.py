@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-import dbc
+from canroll import dbc
 from canroll.errors import CanrollError
 from canroll.extensions.car.identification.drive_log import choice_of, read
 

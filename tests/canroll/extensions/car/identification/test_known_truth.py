@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support import fit_truth
 
-import vehicles
+from canroll import vehicles
 from canroll.extensions.car.identification.fit import FitSettings, _held
 from canroll.extensions.car.identification.unknowns import NUMBERS, unknowns
 

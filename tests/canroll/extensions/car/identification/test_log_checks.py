@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support import fit_truth
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
 from canroll.extensions.car.identification.drive_log import read
 from canroll.extensions.car.identification.log_checks import check

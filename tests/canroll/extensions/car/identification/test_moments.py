@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import StateSpace, lsim
 
-import dbc
-import vehicles
+from canroll import dbc, vehicles
 from canroll.cli.main import main
 from canroll.errors import CanrollError
 from canroll.extensions.car.identification.drive_log import (
@@ -24,9 +23,9 @@ from canroll.extensions.car.identification.moments import moments
 from canroll.extensions.car.identification.pieces import EVERYTHING, Window, pieces
 from canroll.extensions.car.identification.replay import ROLL, motion
 from canroll.extensions.car.identification.unknowns import NUMBERS
-from vehicles import GRAVITY
-from vehicles.axles import axles
-from vehicles.roll_stiffness import suspension_roll_stiffness
+from canroll.vehicles import GRAVITY
+from canroll.vehicles.axles import axles
+from canroll.vehicles.roll_stiffness import suspension_roll_stiffness
 
 VAN = vehicles.load("van_real")
 TIME = 0.01 * np.arange(600)

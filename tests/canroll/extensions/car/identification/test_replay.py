@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-import vehicles
+from canroll import vehicles
 from canroll.extensions.car.identification import replay
 from canroll.extensions.car.identification.pieces import SAMPLE, Piece
 

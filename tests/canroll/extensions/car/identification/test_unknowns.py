@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
 from canroll.extensions.car.identification.unknowns import unknowns
-from vehicles.draws.fitted_cars import values_at
-from vehicles.fit_spread import FitSpread
+from canroll.vehicles.draws.fitted_cars import values_at
+from canroll.vehicles.fit_spread import FitSpread
 
 
 def test_priors_are_distributed_as_the_cars_that_are_drawn_from_a_fit():

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
 from canroll.extensions.car.sizing.classes import CLASSES, RATIOS
 from canroll.extensions.car.sizing.estimate import SIZES, estimated

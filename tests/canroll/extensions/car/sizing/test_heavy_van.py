@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 from canroll.extensions.car.sizing.estimate import estimated
+from canroll.firmware.plausibility import FAULT_ACTUATOR_CONTRADICTED
+from canroll.firmware.state import SAFE
 from canroll.runs.experiment import drive, plan
-from firmware.plausibility import FAULT_ACTUATOR_CONTRADICTED
-from firmware.state import SAFE
 
 pytestmark = pytest.mark.slow
 

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from support import tyre_references as references
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError
 from canroll.extensions.car.tyres.measured import MeasuredTyre
 from canroll.extensions.car.tyres.tyre_fit import fit, lateral_forces
 from canroll.extensions.car.tyres.tyre_view import file_text, untold_lines
-from plant_sim import bodies
-from plant_sim.bodies import ports
-from plant_sim.world import open_loop
-from vehicles.tyres import tir
-from vehicles.tyres.magic_formula import Coefficients
+from canroll.plant_sim import bodies
+from canroll.plant_sim.bodies import ports
+from canroll.plant_sim.world import open_loop
+from canroll.vehicles.tyres import tir
+from canroll.vehicles.tyres.magic_formula import Coefficients
 
 FOLDER = Path(__file__).parents[4] / "vehicles" / "tyres"
 NOISE = 20.0

@@ -8,7 +8,7 @@ import pytest
 from canroll.errors import CanrollError
 from canroll.extensions.car.tyres.measured import AXES, read
 from canroll.extensions.car.tyres.tyre_fit import lateral_forces
-from vehicles.tyres import tir
+from canroll.vehicles.tyres import tir
 
 TYRE = tir.read(Path(__file__).parents[4] / "vehicles" / "tyres" / "passenger_61.tir")
 HEAD = "slip_angle_deg,load_n,camber_deg,lateral_force_n"

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.extensions.car.identification.pieces import EVERYTHING
 from canroll.extensions.car.validation.measurement import NONE
 from canroll.extensions.car.validation.replayed import replayed
 from canroll.extensions.car.validation.steady_circle import boundaries, distances, judge
 from canroll.extensions.car.validation.tolerances import TOLERANCES, Tolerance
-from plant_sim import bodies
-from plant_sim.world import handling
+from canroll.plant_sim import bodies
+from canroll.plant_sim.world import handling
 from tests.support.measured_drives import driven, log_of, ramp, time_of
 
 GRAVITY = 9.81

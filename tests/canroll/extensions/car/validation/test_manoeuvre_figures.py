@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.extensions.car.identification.pieces import EVERYTHING
 from canroll.extensions.car.validation import sine_sweep, sine_with_dwell, step_steer
 from canroll.extensions.car.validation.measurement import NONE

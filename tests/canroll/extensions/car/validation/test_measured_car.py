@@ -11,7 +11,7 @@ from support.measured_fit import UNKNOWNS
 
 from canroll.extensions.car.identification.agreement import agreement
 from canroll.extensions.car.identification.pieces import Window
-from vehicles.fit_spread import value_of
+from canroll.vehicles.fit_spread import value_of
 
 SLOW = pytest.mark.slow
 MEASURED = (

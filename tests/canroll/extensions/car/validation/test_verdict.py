@@ -7,7 +7,7 @@ from math import inf
 import numpy as np
 import pytest
 
-import vehicles
+from canroll import vehicles
 from canroll.errors import CanrollError, VerdictError
 from canroll.extensions.car.identification.pieces import Window
 from canroll.extensions.car.identification.unknowns import value_of

@@ -11,9 +11,9 @@ import pytest
 pytest.importorskip("flint")
 
 from canroll.cli import main as cli
+from canroll.codegen.run.memory_image import sealed
 from canroll.extensions.certify import checker
-from codegen.run.memory_image import sealed
-from gain_gen.calibration import calibration_file
+from canroll.gain_gen.calibration import calibration_file
 
 
 @pytest.fixture(scope="module")

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from canroll.codegen.run import ecu_traffic, memory_image
+from canroll.codegen.run.bus_firmware import built_in
 from canroll.extensions.exchange.fmu import ecu
-from codegen.run import ecu_traffic, memory_image
-from codegen.run.bus_firmware import built_in
-from firmware.calibration import Calibration
+from canroll.firmware.calibration import Calibration
 
 
 @pytest.fixture(scope="session")

@@ -8,9 +8,9 @@ import pytest
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi3 import FMU3Slave
 
+from canroll.codegen.run import ecu_traffic
+from canroll.codegen.run.bus_firmware import built_in
 from canroll.extensions.exchange.fmu import ecu
-from codegen.run import ecu_traffic
-from codegen.run.bus_firmware import built_in
 
 TICK = 0.01
 

@@ -7,11 +7,11 @@ from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 from support.fmus import importer, transmit
 
+from canroll.codegen.run import ecu_traffic, native
+from canroll.codegen.run.bus_firmware import built_in
 from canroll.extensions.exchange.fmu import ecu
-from codegen.run import ecu_traffic, native
-from codegen.run.bus_firmware import built_in
-from firmware.state import ACTIVE
-from firmware.subset import fields
+from canroll.firmware.state import ACTIVE
+from canroll.firmware.subset import fields
 
 pytestmark = pytest.mark.slow
 

@@ -6,15 +6,15 @@ import pytest
 from support import float_bus
 from support.fmus import importer
 
-import dbc
+from canroll import dbc
+from canroll.codegen.generated.bus_map import BusMap
+from canroll.codegen.run.backends import NativeEcu
+from canroll.codegen.run.bus_firmware import built_in, of_bus
+from canroll.codegen.run.ecu_traffic import random_calibration
+from canroll.codegen.run.memory_image import sealed
 from canroll.errors import CanrollError
 from canroll.extensions.exchange.fmu import ecu, ecu_signals
 from canroll.runs.experiment import plan
-from codegen.generated.bus_map import BusMap
-from codegen.run.backends import NativeEcu
-from codegen.run.bus_firmware import built_in, of_bus
-from codegen.run.ecu_traffic import random_calibration
-from codegen.run.memory_image import sealed
 
 pytestmark = pytest.mark.slow
 

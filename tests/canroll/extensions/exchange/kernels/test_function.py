@@ -5,7 +5,7 @@ import pytest
 
 from canroll.extensions.exchange.kernels.kinds import FLOAT, ArrayKind, KernelError
 from canroll.extensions.exchange.kernels.translate import Translator
-from plant_sim.kernels.jit import njit
+from canroll.plant_sim.kernels.jit import njit
 
 VECTOR = ArrayKind(np.dtype(np.float64), (4,))
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from canroll.extensions.exchange.kernels.kinds import FLOAT, ArrayKind
-from plant_sim.bodies import tyre
-from plant_sim.kernels.jit import inlined, njit, record_of
+from canroll.plant_sim.bodies import tyre
+from canroll.plant_sim.kernels.jit import inlined, njit, record_of
 
 AXLE = np.dtype([("spring", "f8"), ("tyre_model", "f8"), ("tyre", "f8", (tyre.ROOM,))])
 CAR = np.dtype([("mass", "f8"), ("load", "f8", (2,)), ("axle", AXLE, (2,))])

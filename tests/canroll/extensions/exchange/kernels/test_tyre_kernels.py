@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from canroll.extensions.exchange.kernels.kinds import FLOAT, ArrayKind
-from plant_sim.bodies import tyre
-from plant_sim.kernels.jit import njit, record_of
-from vehicles.tyres import tir
-from vehicles.tyres.magic_formula import MagicFormula
+from canroll.plant_sim.bodies import tyre
+from canroll.plant_sim.kernels.jit import njit, record_of
+from canroll.vehicles.tyres import tir
+from canroll.vehicles.tyres.magic_formula import MagicFormula
 
 AXLE = np.dtype([("tyre_model", "f8"), ("tyre", "f8", (tyre.ROOM,))])
 TYRES = Path(__file__).parents[4] / "vehicles" / "tyres"

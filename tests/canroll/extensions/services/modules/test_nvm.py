@@ -6,6 +6,8 @@ from copy import deepcopy
 import pytest
 import rig
 
+from canroll.codegen.run import memory_image, native
+from canroll.codegen.run.bus_firmware import built_in, with_services
 from canroll.extensions.services.modules import fault_memory, nvm, nvm_state, nvm_uds, uds
 from canroll.extensions.services.modules.nvm_state import (
     ANOTHER_CALIBRATION,
@@ -14,11 +16,9 @@ from canroll.extensions.services.modules.nvm_state import (
     Nvm,
 )
 from canroll.extensions.services.modules.uds_state import Uds
-from codegen.run import memory_image, native
-from codegen.run.bus_firmware import built_in, with_services
-from firmware import ecu as loop
-from firmware.state import Ecu
-from firmware.subset import fields
+from canroll.firmware import ecu as loop
+from canroll.firmware.state import Ecu
+from canroll.firmware.subset import fields
 
 IMU_LATE = 0
 SERVED = with_services(built_in(), ("uds", "nvm", "nvm_uds"))

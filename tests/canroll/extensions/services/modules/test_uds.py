@@ -8,13 +8,13 @@ from support.uds_tester import TickConnection, UdsTester
 from udsoncan.client import Client
 from udsoncan.exceptions import NegativeResponseException
 
+from canroll.codegen.run import ecu_traffic, native
+from canroll.codegen.run.backends import NativeEcu, PythonEcu
+from canroll.codegen.run.bus_firmware import built_in, with_services
+from canroll.codegen.run.services import ServedEcu
 from canroll.extensions.services.modules import uds
 from canroll.extensions.services.modules.fault_memory import AVAILABLE
-from codegen.run import ecu_traffic, native
-from codegen.run.backends import NativeEcu, PythonEcu
-from codegen.run.bus_firmware import built_in, with_services
-from codegen.run.services import ServedEcu
-from firmware.state import N_FAULT_CODES
+from canroll.firmware.state import N_FAULT_CODES
 
 SERVED = with_services(built_in(), ("xcp", "uds"))
 needs_cc = pytest.mark.skipif(native.compiler() is None, reason="needs cc (package gcc)")

@@ -7,6 +7,11 @@ from itertools import pairwise
 import pytest
 from support.xcp_tool import Tool, address_of, word
 
+from canroll.codegen.generated.bus_map import MOST_LISTED
+from canroll.codegen.run import ecu_traffic, memory_image, native
+from canroll.codegen.run.backends import NativeEcu, PythonEcu
+from canroll.codegen.run.bus_firmware import built_in, with_services
+from canroll.codegen.run.services import ServedEcu
 from canroll.extensions.services.modules import xcp, xcp_state
 from canroll.extensions.services.modules.xcp_state import (
     ACCESS_DENIED,
@@ -24,16 +29,11 @@ from canroll.extensions.services.modules.xcp_state import (
     WRITE_PROTECTED,
 )
 from canroll.extensions.services.running import PAGE_ADDRESS, STATE_ADDRESS
-from codegen.generated.bus_map import MOST_LISTED
-from codegen.run import ecu_traffic, memory_image, native
-from codegen.run.backends import NativeEcu, PythonEcu
-from codegen.run.bus_firmware import built_in, with_services
-from codegen.run.services import ServedEcu
-from firmware.calibration import Calibration
-from firmware.check import RULE_FADE
-from firmware.limits import LAST_BYTE
-from firmware.state import SAFE, Ecu
-from firmware.subset import bytes_of, fields
+from canroll.firmware.calibration import Calibration
+from canroll.firmware.check import RULE_FADE
+from canroll.firmware.limits import LAST_BYTE
+from canroll.firmware.state import SAFE, Ecu
+from canroll.firmware.subset import bytes_of, fields
 
 SERVED = with_services(built_in(), ("xcp",))
 OK = b"\xff"

@@ -3,8 +3,8 @@
 import pytest
 from support.xcp_machine import VALUES, Machine
 
+from canroll.codegen.run import cortex
 from canroll.extensions.services.modules import xcp
-from codegen.run import cortex
 
 pytestmark = [
     pytest.mark.slow,
