@@ -6,16 +6,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from canroll.codegen.export.header import gains_header
 from canroll.errors import writing
+from canroll.gain_gen.calibration import calibration_file
+from canroll.gain_gen.calibration.dequantise import physical_notes
+from canroll.gain_gen.models.task import UNVERIFIED
 from canroll.report import staging
 from canroll.report.run_page import run_page
 from canroll.runs import saved_run
 from canroll.runs.logs import write_log
 from canroll.runs.result import Result
-from codegen.export.header import gains_header
-from gain_gen.calibration import calibration_file
-from gain_gen.calibration.dequantise import physical_notes
-from gain_gen.models.task import UNVERIFIED
 
 
 def write_text(path: Path, text: str) -> Path:
@@ -81,6 +81,7 @@ def _write_parts(result: Result, paths: Mapping[str, Path]) -> None:
     hashed = [path for path in paths.values() if path.name in saved_run.HASHED]
     hashes = {path.name: saved_run.digest(path) for path in hashed}
     data = {
+        "schema": saved_run.SCHEMA,
         **result.to_json(),
         saved_run.HASHES: hashes,
         saved_run.VEHICLE: result.settings.vehicle.fingerprint,

@@ -9,24 +9,25 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import vehicles
-from canroll import documents
+from canroll import documents, vehicles
 from canroll.errors import UNREADABLE, CanrollError, reason, writing
+from canroll.gain_gen.calibration import calibration_file
+from canroll.gain_gen.calibration.calibration_file import LoadedCalibration
+from canroll.plant_sim.bodies import BODIES
+from canroll.plant_sim.buses import BUSES
+from canroll.plant_sim.driving import MANEUVERS
+from canroll.plant_sim.world import archive
 from canroll.runs.experiment import assess
 from canroll.runs.limit_cycle import LimitCycle
 from canroll.runs.result import SAVED, Result, Run
 from canroll.runs.trace import Trace, entries, restored
 from canroll.setup.controller import COMMANDS, Controller
-from gain_gen.calibration import calibration_file
-from gain_gen.calibration.calibration_file import LoadedCalibration
-from plant_sim.bodies import BODIES
-from plant_sim.buses import BUSES
-from plant_sim.driving import MANEUVERS
-from plant_sim.world import archive
 
 RESULT = "result.json"
 TRACE = "trace.npz"
 CALIBRATION = "calibration.toml"
+SCHEMA = 1
+"""Format of the three files together; those of versions before 1.0 have none."""
 HASHED = (TRACE, CALIBRATION)
 HASHES = "sha256"
 """Key of result.json: the SHA-256 of the other two files."""
@@ -79,6 +80,11 @@ def load(folder: Path) -> Result:
         )
     try:
         data = documents.parse_json(documents.text(folder / RESULT))
+        if (schema := data.get("schema", "none")) != SCHEMA:
+            raise CanrollError(
+                f"{folder / RESULT}: schema {schema!r}, but this version reads {SCHEMA}: drive "
+                "the run again"
+            )
         hashes = data[HASHES]
         changed = [name for name in HASHED if digest(folder / name) != hashes[name]]
         if changed:

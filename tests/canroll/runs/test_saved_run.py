@@ -8,9 +8,9 @@ import pytest
 
 from canroll.cli.main import main
 from canroll.errors import CanrollError
+from canroll.gain_gen.calibration.calibration_file import dumps
 from canroll.report.run_folder import write_files
 from canroll.runs import saved_run
-from gain_gen.calibration.calibration_file import dumps
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_a_run_without_trace_says_what_cannot_be_done(driven, folder, capsys):
 def test_everything_comes_back(driven, folder):
     found = saved_run.load(folder)
     data = json.loads((folder / "result.json").read_text())
-    del data["sha256"], data["vehicle_sha256"], data["vehicle_document"]
+    del data["schema"], data["sha256"], data["vehicle_sha256"], data["vehicle_document"]
     assert found.to_json() == data
     assert found.options == driven.options
     assert found.settings == driven.settings
@@ -144,8 +144,10 @@ def sealed_again(folder, spoil):
     [
         (lambda folder: (folder / "trace.npz").unlink(), "not a saved run"),
         (lambda folder: overwrite(folder / "trace.npz", 5000), "trace.npz changed since"),
-        (lambda folder: (folder / "result.json").write_text("{}"), "cannot read"),
+        (lambda folder: (folder / "result.json").write_text("{}"), "schema 'none', but this"),
+        (lambda folder: in_result(folder, schema=2), "schema 2, but this version reads 1: drive"),
         (lambda folder: (folder / "result.json").write_text("["), "cannot read"),
+        (lambda folder: (folder / "result.json").write_text("[]"), "cannot read"),
         (lambda folder: (folder / "calibration.toml").unlink(), "cannot read"),
         (another_calibration, "calibration.toml changed since"),
         (lambda folder: sealed_again(folder, another_calibration), "come from different runs"),
