@@ -1,7 +1,7 @@
 """One printed number, under the paper's conditions and ours, and the verdict on both."""
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
@@ -215,10 +215,13 @@ class PaperSection:
     def markdown(self) -> list[str]:
         """Return the section without its note as lines of Markdown."""
         table = self.table(0)
-        lines = [f"### {self.title}", "", f"| {' | '.join(table.head)} |"]
-        lines += [f"|{' --- |' * len(table.head)}"]
-        lines += [f"| {' | '.join(map(_in_markdown, row))} |" for row in table.rows]
-        return [*lines, ""]
+        return [f"### {self.title}", "", *markdown_table(table.head, table.rows)]
+
+
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str | int | Cell]]) -> list[str]:
+    """Return a table as lines of Markdown, with an empty one behind it."""
+    lines = [head, ["---"] * len(head), *rows]
+    return [*(f"| {' | '.join(map(_in_markdown, line))} |" for line in lines), ""]
 
 
 def finite(value: float) -> float | None:
@@ -248,5 +251,5 @@ def _shown(cell: str | Cell) -> str:
     return cell if isinstance(cell, str) else cell.text
 
 
-def _in_markdown(cell: str | Cell) -> str:
-    return _shown(cell).replace("|", "\\|")
+def _in_markdown(cell: str | int | Cell) -> str:
+    return (cell.text if isinstance(cell, Cell) else str(cell)).replace("|", "\\|")

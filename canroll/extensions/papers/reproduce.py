@@ -1,9 +1,10 @@
 """The four papers by name, and the results of recomputing one."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from math import isfinite
+from itertools import groupby
+from math import isfinite, nan
 from typing import Any
 
 from canroll.cases.execution import IN_TURN, Cases
@@ -13,7 +14,7 @@ from canroll.extensions.papers.paper_runs import Headline, Recomputed
 from canroll.extensions.papers.paper_table import (
     FITTED,
     LEAST_SHARE,
-    REPRODUCED,
+    NOT_REPRODUCIBLE,
     SAME_ORDERING,
     TOLERANCE,
     VERDICTS,
@@ -21,6 +22,7 @@ from canroll.extensions.papers.paper_table import (
     PaperSection,
     digits,
     judged,
+    markdown_table,
 )
 
 
@@ -56,8 +58,7 @@ class Reproduction:
     @property
     def counts(self) -> dict[str, int]:
         """How many rows have each verdict under the paper's conditions."""
-        tally = Counter(row.verdict for row in self.rows)
-        return {verdict: tally[verdict] for verdict in VERDICTS}
+        return _tally(self.rows)
 
     @property
     def counts_ours(self) -> dict[str, int]:
@@ -155,38 +156,65 @@ def legend() -> str:
     )
 
 
+COUNTS = ("paper, table", "numbers", *VERDICTS)
+DIFFERENCES = ("why", "quantities", SAME_ORDERING, NOT_REPRODUCIBLE, "over printed", "tables")
+DIFFER = "Numbers that differ, by reason, with least and greatest ratio to the printed ones:"
+
+
 def to_markdown(parts: Sequence[Reproduction]) -> str:
-    """Return verdicts, errata and unknowns as Markdown, one section a paper."""
-    overview = ("paper", "numbers", *VERDICTS, "reproduced or same ordering on our plant and bus")
+    """Return counts by paper and table, what differs, errata and unknowns as Markdown."""
+    counts: list[Sequence[str | int]] = []
+    for part in parts:
+        counts.append((f"**{part.paper.title}**", len(part.rows), *part.counts.values()))
+        for name, group in groupby(part.rows, lambda row: row.table):
+            rows = list(group)
+            counts.append((name, len(rows), *_tally(rows).values()))
     lines = [
         "# The papers' tables, recomputed",
         "",
-        f"**{summary(parts)}** Written by `canroll reproduce`, whose reproduction.html has the "
-        "steps between the two columns, the gains and the plots too.",
+        f"**{summary(parts)}** Written by `canroll reproduce`, whose reproduction.html and .json "
+        "have every number, the steps between both conditions, gains and plots.",
         "",
-        f"| {' | '.join(overview)} |",
-        f"| --- |{' ---: |' * (len(overview) - 1)}",
+        legend(),
+        "",
+        "Counts by paper and table:",
+        "",
+        *markdown_table(COUNTS, counts),
     ]
     for part in parts:
-        numbers = (len(part.rows), *part.counts.values(), _met(part.counts_ours))
-        lines.append(f"| {part.paper.title} | {' | '.join(map(str, numbers))} |")
-    lines += ["", legend(), ""]
-    for part in parts:
-        lines += [f"## {part.paper.title}", "", f"{_sentence(part.counts)}", ""]
-        lines += [*(f"- {answer}" for answer in part.answers), ""]
+        lines += [f"## {part.paper.title}", "", DIFFER, ""]
+        lines += markdown_table(DIFFERENCES, _differences(part.rows))
         for section in part.recomputed.proofs:
             if section.key in ("errata", "unknowns"):
                 lines += section.markdown()
-        lines += ["### Every number", ""]
-        lines += ["| row | quantity | printed | paper's conditions | verdict | why | ours |"]
-        lines += ["| --- | --- | ---: | ---: | --- | --- | ---: |"]
-        lines += [
-            f"| {row.table}: {row.row} | {spelt(row.quantity)} | {row.printed:g} "
-            f"| {shown(row.recomputed)} | {row.verdict} | {row.reason} | {shown(row.ours)} |"
-            for row in part.rows
-        ]
-        lines.append("")
     return "\n".join(lines)
+
+
+def _differences(rows: Sequence[PaperRow]) -> Iterator[Sequence[str | int]]:
+    """Yield a line a reason: how many numbers differ, and by which ratios."""
+    groups: dict[str, list[PaperRow]] = {}
+    for row in rows:
+        if row.reason:
+            groups.setdefault(row.reason.partition(":")[0], []).append(row)
+    for head, group in groups.items():
+        why = group[0].reason if len({row.reason for row in group}) == 1 else head
+        quantities = ", ".join(dict.fromkeys(spelt(row.quantity) for row in group))
+        tally = _tally(group)
+        ratios = _span([row.recomputed / row.printed for row in group])
+        tables = "; ".join(dict.fromkeys(row.table for row in group))
+        yield why, quantities, tally[SAME_ORDERING], tally[NOT_REPRODUCIBLE], ratios, tables
+
+
+def _span(ratios: Sequence[float]) -> str:
+    """Return least and greatest of ratios, and whether some are of unstable loops."""
+    least, *more = sorted(filter(isfinite, ratios)) or [nan]
+    ends = " to ".join(dict.fromkeys(f"{end:.2g}" for end in (least, *more[-1:])))
+    return ends if isfinite(sum(ratios)) else f"{ends}, unstable".removeprefix("nan, ")
+
+
+def _tally(rows: Sequence[PaperRow]) -> dict[str, int]:
+    found = Counter(row.verdict for row in rows)
+    return {verdict: found[verdict] for verdict in VERDICTS}
 
 
 def shown(value: float) -> str:
@@ -202,16 +230,8 @@ def towards_ours(row: PaperRow) -> str:
     return f"{step.switched} {step.value:+.2g}".replace(" -", " −")
 
 
-def _met(counts: Mapping[str, int]) -> int:
-    return counts[REPRODUCED] + counts[SAME_ORDERING]
-
-
-def _sentence(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{count} {verdict}" for verdict, count in counts.items()) + "."
-
-
 def summary(parts: Sequence[Reproduction]) -> str:
     """Return the verdicts of all papers in one line."""
-    total = sum((Counter(part.counts) for part in parts), Counter())
-    rows = sum(len(part.rows) for part in parts)
-    return f"{rows} printed numbers: {_sentence({v: total[v] for v in VERDICTS})}"
+    rows = [row for part in parts for row in part.rows]
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in _tally(rows).items())
+    return f"{len(rows)} printed numbers: {counts}."

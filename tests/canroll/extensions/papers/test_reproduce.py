@@ -175,9 +175,39 @@ def test_the_page_has_a_chapter_a_paper_with_its_plots(viadero):
     assert f'<h2 id="{links[0]}"' in both
 
 
-def test_markdown_has_a_line_a_number(viadero):
-    lines = [line for line in to_markdown(viadero).splitlines() if line.startswith("| Table")]
-    assert len(lines) == 18
+def test_markdown_counts_every_number_and_explains_what_differs(viadero):
+    (part,) = viadero
+    lines = [line.strip("| ").split(" | ") for line in to_markdown(viadero).splitlines()]
+    counts = {line[0]: [int(count) for count in line[1:]] for line in lines if len(line) == 6
+              and all(cell.isdigit() for cell in line[1:])}  # fmt: skip
+    whole, *tables = counts.values()
+    assert whole == [18, *part.counts.values()]
+    assert whole == [sum(column) for column in zip(*tables, strict=True)]
+    assert set(counts) - {f"**{part.paper.title}**"} == {r.table for r in part.rows}
+    reasons = {row.reason for row in part.rows if row.reason}
+    shown_reasons = {line[0]: line for line in lines if line[0] in reasons}
+    assert set(shown_reasons) == reasons
+    differing = [(int(line[2]), int(line[3])) for line in shown_reasons.values()]
+    assert [sum(column) for column in zip(*differing, strict=True)] == [
+        part.counts[SAME_ORDERING],
+        part.counts[NOT_REPRODUCIBLE],
+    ]
+    assert shown_reasons["E2: another course at 120 km/h than at 100"][4] == "0.68 to 1.4"
+
+
+def test_what_differs_of_an_unstable_loop_says_so(viadero):
+    (part,) = viadero
+    rows = judged(
+        [
+            row(2.0, math.nan, "a"),
+            row(4.0, 6.0, "b"),
+            row(4.0, 9.0, "c"),
+            replace(row(4.0, math.nan, "d"), finding="alone"),
+        ]
+    )
+    lines = to_markdown([replace(part, rows=rows)]).splitlines()
+    assert "| because | q | 2 | 1 | 1.5 to 2.2, unstable | t |" in lines
+    assert "| alone | q | 0 | 1 | unstable | t |" in lines
 
 
 def test_unknown_paper(capsys):
