@@ -39,7 +39,7 @@ EXPLAINED: Mapping[str, float] = {
     "roll_rate": 0.93,
 }
 """Share of a signal's variance that must be accounted for: what the 14-DOF car reaches for a
-measured one, see docs/validation.md."""
+measured one, see docs/trust.md."""
 
 JUDGES = {
     STEADY_CIRCLE: steady_circle.judge,
