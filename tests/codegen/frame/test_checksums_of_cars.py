@@ -1,11 +1,10 @@
 """Checksums of real cars: frames that opendbc's own functions finished, and the map's entries.
 
 ``support/car_frames.json`` has random frames that opendbc 0.3.1 finished; most entries of the map
-are those that docs/file-formats.md shows.
+are those of examples/cars/checksums.
 """
 
 import json
-import re
 import tomllib
 from itertools import count
 from pathlib import Path
@@ -21,16 +20,10 @@ from canroll.codegen.run.bus_firmware import of_bus
 
 SUPPORT = Path(__file__).parents[2] / "support"
 CASES = json.loads((SUPPORT / "car_frames.json").read_text(encoding="utf-8"))["cases"]
-PAGE = (Path(__file__).parents[3] / "docs" / "file-formats.md").read_text(encoding="utf-8")
-
-
-def shown(name):
-    return re.search(rf"^```\w+ {re.escape(name)}\n(.*?)^```", PAGE, re.M | re.S)[1]
-
-
-CARS = tomllib.loads(shown("checksums-of-cars.toml"))
+CHECKSUMS = Path(__file__).parents[3] / "examples" / "cars" / "checksums"
+CARS = tomllib.loads((CHECKSUMS / "checksums.toml").read_text(encoding="utf-8"))
 GM = (
-    shown("gm.py")
+    (CHECKSUMS / "gm.py").read_text(encoding="utf-8")
     + '''
 
 # four times the counter's factor, without and with ACCAlwaysOne

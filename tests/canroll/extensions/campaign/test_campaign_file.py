@@ -1,6 +1,8 @@
 """Campaign files: every key is checked, and what is drawn follows the distributions."""
 
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from canroll import vehicles
 from canroll.cli.main import main
 from canroll.errors import CanrollError
 from canroll.extensions.campaign import distributions, quantities
-from canroll.extensions.campaign.campaign_file import load, of_options
+from canroll.extensions.campaign.campaign_file import KEYS, TABLES, load, of_options
 from canroll.extensions.campaign.space import Correlation, Sampling, Space
 from canroll.plant_sim.bodies.parameters import build_parameters
 
@@ -207,3 +209,14 @@ def test_a_softer_car_of_a_population_can_be_driven(name):
     softer = quantities.drawn(nominal, {"vehicle.roll_stiffness": 0.75}, seed=1).vehicle
     build_parameters(softer)
     assert softer.plant.roll_stiffness == 0.75 * vehicles.load(name).plant.roll_stiffness
+
+
+def test_the_page_shows_a_file_with_every_key(tmp_path):
+    page = (Path(__file__).parents[4] / "docs" / "campaign.md").read_text(encoding="utf-8")
+    text = re.search(r"^```toml campaign.toml\n(.*?)^```", page, re.M | re.S)[1]
+    campaign = load(written(tmp_path, text), {}, runs=None, seed=None)
+    assert (campaign.runs, campaign.sampling.seed, campaign.sampling.chunk) == (10_000, 1, 64)
+    assert campaign.correlations
+    assert {"vehicle.sprung_mass", "speed_kmh", "bus", "faults"} <= campaign.draw.keys()
+    assert all(re.search(rf"^{key} = ", text, re.M) for key in KEYS)
+    assert all(f"\n[{table}]" in text or f"\n[[{table}]]" in text for table in TABLES)

@@ -1,12 +1,14 @@
 """Descriptions of FMUs that are wrong, too large or too deep are refused in one line."""
 
+import re
 import tracemalloc
 import zipfile
+from pathlib import Path
 
 import pytest
 
 from canroll.errors import CanrollError
-from canroll.extensions.exchange.fmi import description
+from canroll.extensions.exchange.fmi import description, map_file
 from canroll.extensions.exchange.fmi.map_file import PlantMap
 
 CONTENT = """<?xml version="1.0" encoding="UTF-8"?>
@@ -73,3 +75,14 @@ def test_one_that_unpacks_to_more_than_any_has_is_refused_unread(name, tmp_path)
 def test_one_that_is_nested_too_deeply_is_refused(depth, tmp_path):
     nested = described().replace("<ModelStructure/>", "<A>" * depth + "</A>" * depth)
     assert "not a valid FMU" in refusal(tmp_path, fmu(tmp_path, nested))
+
+
+def test_the_page_shows_a_map_with_every_key(tmp_path):
+    page = (Path(__file__).parents[5] / "docs" / "exchange.md").read_text(encoding="utf-8")
+    text = re.search(r"^```toml model.toml\n(.*?)^```", page, re.M | re.S)[1]
+    path = tmp_path / "model.toml"
+    path.write_text(text, encoding="utf-8")
+    found = map_file.read(path)
+    assert {wire.quantity for wire in found.outputs} == set(map_file.REQUIRED)
+    assert found.step_ms == 1 and found.ignored == {"drive_force"}
+    assert all(re.search(rf"^\[?{key}\b", text, re.M) for key in map_file.KEYS)
