@@ -12,7 +12,7 @@ from tools.warm import served
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs").glob("*.md"))
-WRITTEN = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *PAGES]
+WRITTEN = [*(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")), *PAGES]
 WRITTEN += sorted((ROOT / "docs" / "decisions").glob("*.md"))
 """All pages, those too that show no output of commands."""
 
