@@ -24,5 +24,5 @@ def test_example(title, code, tmp_path, monkeypatch, capsys):
         assert np.allclose(np.diff(rows[:, 0]), 1e-3)
 
 
-def test_there_are_seven_examples():
-    assert len(EXAMPLES) == 7
+def test_there_are_six_examples():
+    assert len(EXAMPLES) == 6
