@@ -1,11 +1,13 @@
-"""The wheel works in an environment without the checkout, and names the extra that is missing."""
+"""A release: its contents; the wheel works without the checkout, and names a missing extra."""
 
 import os
 import shutil
 import subprocess
 import sys
 import sysconfig
+import tarfile
 import zipfile
+from email import message_from_bytes
 from pathlib import Path
 
 import pytest
@@ -13,29 +15,39 @@ import pytest
 from canroll.codegen.run import cortex
 from tools.floors import LINKED
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[1]
 INSTALLED = ["canroll", *(f"canroll.{package}" for package in LINKED)]
 OURS = ("canroll", "__editable__", "_virtualenv", "distutils-precedence")
+LICENCES = {"LICENSE", "canroll/report/assets/uplot/LICENSE", "examples/bmw_m8/LICENSE"}
 EXTRAS = ("asammdf", "unicorn", "ziglang")
 """Packages that come with an extra only, left out of the new environment."""
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
-    """Return the wheel of this source, built without a network and without traces in it."""
+def release(tmp_path_factory):
+    """Return source archive and, made from it, wheel: without a network, without traces in it."""
+    pytest.importorskip("build")
     source, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("wheel")
     ignored = shutil.ignore_patterns("__pycache__")
     for package in ("canroll", *LINKED):
         shutil.copytree(ROOT / package, source / package, symlinks=True, ignore=ignored)
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, source)
-    options = ["--no-build-isolation", "--no-deps", "--no-index", "--disable-pip-version-check"]
-    pip = [sys.executable, "-m", "pip", "wheel", "-q", *options, "-w", str(out), str(source)]
-    done = subprocess.run(pip, capture_output=True, text=True, check=False)
+    for path in ROOT.iterdir():
+        if path.is_file() and not path.name.startswith("."):
+            shutil.copy(path, source)
+    for licence in LICENCES:
+        (source / licence).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / licence, source / licence)
+    build = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(out), str(source)]
+    done = subprocess.run(build, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    return next(out.glob("canroll-*.whl"))
+    return next(out.glob("canroll-*.tar.gz")), next(out.glob("canroll-*.whl"))
+
+
+@pytest.fixture(scope="module")
+def wheel(release):
+    return release[1]
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +103,28 @@ def test_the_wheel_holds_every_file_of_the_packages_and_no_tools(wheel):
         if path.is_file() and "__pycache__" not in path.parts
     }
     assert names == tracked
+
+
+def test_the_source_archive_builds_the_same_files_and_says_how_to_cite(release):
+    archive, wheel = release
+    with tarfile.open(archive) as packed, zipfile.ZipFile(wheel) as installed:
+        names = {name.partition("/")[2] for name in packed.getnames()}
+        files = {name for name in installed.namelist() if ".dist-info/" not in name}
+    assert files <= names
+    assert {"CHANGELOG.md", "CITATION.cff", "SECURITY.md", *LICENCES} <= names
+    assert not any(name.startswith("tests/") for name in names)
+
+
+def test_the_metadata_name_every_licence(release):
+    pytest.importorskip("twine")
+    check = [sys.executable, "-m", "twine", "check", "--strict", *map(str, release)]
+    done = subprocess.run(check, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    with zipfile.ZipFile(release[1]) as archive:
+        (place,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        metadata = message_from_bytes(archive.read(place))
+    assert metadata["License-Expression"] == "MIT AND BSD-2-Clause"
+    assert set(metadata.get_all("License-File")) == LICENCES
 
 
 def test_nothing_comes_from_the_checkout(canroll):

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from firmware.subset import i32, u8
+from canroll.firmware.subset import i32, u8
 
 
 def gas_regen(payload: Annotated[list[u8], 8], identifier: i32) -> i32:
