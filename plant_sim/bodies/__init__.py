@@ -22,7 +22,7 @@ BODIES: "Registry[Body]" = Registry(
 
 
 def body(name: str) -> "Body":
-    """Return the body of that name; raise :class:`UnknownNameError` for an unknown one."""
+    """Return the body of that name; raise :class:`canroll.UnknownNameError` for an unknown one."""
     return BODIES[name]
 
 

@@ -63,7 +63,7 @@ def kind_of(fault: Fault, what: str = "") -> FaultKind:
 
 
 def parse(text: str) -> tuple[Fault, ...]:
-    """Return the faults that ``text`` describes: one, or several joined by `` + ``.
+    """Return the faults that ``text`` describes: one, or several joined by " + ".
 
     Raises:
         CanrollError: the text cannot be parsed, or a value or time is invalid.
