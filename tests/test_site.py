@@ -130,7 +130,12 @@ def project(tmp_path):
     pytest.importorskip("furo")
     for name in ("docs", "scripts", "docs/site"):
         (tmp_path / name).mkdir()
-    for name in ("scripts/site", "docs/site/site.css", *(ROOT / "docs" / "site").glob("*.py")):
+    for name in (
+        "pyproject.toml",
+        "scripts/site",
+        "docs/site/site.css",
+        *(ROOT / "docs" / "site").glob("*.py"),
+    ):
         path = (ROOT / name).relative_to(ROOT)
         shutil.copy(ROOT / path, tmp_path / path)
     (tmp_path / "docs" / "site" / "canroll.rst").write_text(

@@ -7,6 +7,7 @@ captions. ``*.rst`` here are the API reference.
 
 import re
 import sys
+import tomllib
 from itertools import chain
 from pathlib import Path
 
@@ -19,7 +20,9 @@ sys.path[:0] = [str(ROOT), str(ROOT / "docs" / "site")]
 
 from flowchart import Flowchart  # noqa: E402 - beside this file
 
-project = html_title = "canroll"
+project = "canroll"
+release = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
+html_title = f"canroll {release}"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "reference"]
 root_doc = "README"
 PAGES = ["CHANGELOG.md", "CONTRIBUTING.md", "docs/*.md", "examples/*/README.md"]
