@@ -59,7 +59,7 @@ def test_every_public_name_is_in_the_reference(described):
             package = importlib.import_module(name)
             exported = {word: getattr(package, word) for word in package.__all__}
             public |= {f"{name}.{word}" for word, thing in exported.items() if thing not in door}
-    assert {"canroll.run", "canroll.campaign", "vehicles.RollModel"} < public
+    assert {"canroll.run", "canroll.campaign"} < public and len(public) > 60
     assert sorted(public - described) == []
 
 
@@ -159,8 +159,12 @@ def test_a_small_project_builds(project):
         ("docs/b.md", "[a](../README.md#gone)", "docs/b.md:5: WARNING: local id not found"),
         ("docs/b.md", "![c](c.png)", "docs/b.md:5: WARNING: image file not readable: docs/c.png"),
         ("docs/site/canroll.rst", ":func:`canroll.gone`", "target not found: canroll.gone"),
-        ("README.md", "[c](docs/c.md)", "README.md, Documentation: no page docs/c.md"),
-        ("docs/c.md", "# c", "README.md, Documentation: no link to docs/c.md"),
+        (
+            "README.md",
+            "[c](docs/c.md)",
+            "README.md:7: WARNING: 'myst' cross-reference target not found: 'docs/c.md'",
+        ),
+        ("docs/c.md", "# c", "README.md: WARNING: Documentation: no link to docs/c.md"),
     ],
 )
 def test_what_leads_nowhere_is_refused_with_its_place(project, file, text, told):
