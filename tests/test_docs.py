@@ -13,7 +13,6 @@ from tools.warm import served
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs").glob("*.md"))
 WRITTEN = [*(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")), *PAGES]
-WRITTEN += sorted((ROOT / "docs" / "decisions").glob("*.md"))
 """All pages, those too that show no output of commands."""
 
 
