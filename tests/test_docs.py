@@ -52,6 +52,12 @@ def test_page_shows_what_its_quick_commands_print(page, one_server):
 
 
 @pytest.mark.drift
+def test_what_no_test_reruns_was_made_by_these_sources():
+    code, text = build("--list")
+    assert code == 0, f"scripts/refresh-docs --stale makes anew:\n{text}"
+
+
+@pytest.mark.drift
 def test_readme_names_every_page():
     section = (ROOT / "README.md").read_text("utf-8").partition("\n## Documentation\n")[2]
     linked = set(re.findall(r"\]\(([^)#:]+\.md)\)", section.partition("\n## ")[0]))
