@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command.
-#   scripts/long.sh [NAME ...]     tests worst_case benchmarks contract reproduce rollover fuzz_firmware exchange
+# The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command, commit and
+# date. Committed are those that a page cites, and benchmarks, which scripts/ratios compares the next with.
+#   scripts/long.sh [NAME ...]     tests worst_case benchmarks contract fuzz_firmware exchange
 set -euo pipefail
 cd "$(dirname "$0")/.."
 scripts/setup-venv judges
@@ -13,6 +14,7 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
     echo "long: $*" >&2
     {
         echo "commit   $(git rev-parse --short HEAD)$(git diff --quiet || echo ' with changes')"
+        echo "date     $(date -u +%F)"
         echo "machine  $(nproc --all) cores, $(uname -m)"
         echo "command  $*"
         echo
@@ -22,7 +24,7 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
 }
 
 bound=(canroll timing --bound --ticks 100000)
-for name in "${@:-tests worst_case benchmarks contract reproduce rollover fuzz_firmware exchange}"; do
+for name in "${@:-tests worst_case benchmarks contract fuzz_firmware exchange}"; do
     for part in $name; do
         case $part in
             tests)
@@ -40,8 +42,6 @@ for name in "${@:-tests worst_case benchmarks contract reproduce rollover fuzz_f
                 scripts/ratios docs/evidence/bench_*.txt ;;
             contract)
                 keep contract canroll compare --bus 500k --vehicle van_real --runs 200 ;;
-            reproduce) keep reproduce canroll reproduce ;;
-            rollover) keep rollover canroll campaign examples/campaigns/fishhook.toml --runs 4096 ;;
             fuzz_firmware)
                 keep fuzz_firmware python -m tools.fuzz_firmware --inputs 10000000
                 keep fuzz_firmware_own_bus python -m tools.fuzz_firmware --inputs 1000000 \
