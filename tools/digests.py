@@ -1,8 +1,9 @@
 """What the shown outputs depend on: a digest of each folder of sources and of each file of data.
 
 ``docs/digests.json`` has, for each block that no test reruns, the digests of the parts of the
-project that its page read down to it when it was made. A part is the Python files of a folder,
-without comments, blank lines and docstrings, or any other file.
+project that the page, when it was made, had read when it came to its end, and not before the last
+such block. A part is a file of data, a script, or all files of a folder of sources: Python counts
+without comments, blank lines and docstrings.
 """
 
 import ast
@@ -12,7 +13,8 @@ import re
 from hashlib import sha256
 from pathlib import Path
 
-LEFT_OUT = {"tests", "docs", "build", "out", "__pycache__"}
+DATA = ("vehicles", "dbc", "examples", "benchmarks")
+LEFT_OUT = {"recorder", "tests", "docs", "build", "out", "__pycache__"}
 Parts = dict[str, str]
 """Digests by part."""
 
@@ -42,7 +44,8 @@ def stripped(source: str) -> str:
 
 def part_of(path: str) -> str:
     """Return the part of the project that a file, relative to its root, belongs to."""
-    return os.path.dirname(path) or "." if path.endswith(".py") else path
+    alone = path.startswith(tuple(f"{folder}/" for folder in (*DATA, "scripts")))
+    return path if alone and not path.endswith(".py") else os.path.dirname(path) or "."
 
 
 def state(root: Path) -> Parts:

@@ -170,16 +170,24 @@ def test_only_what_runs_counts(one, other, same):
 
 
 def test_a_new_module_is_a_change_of_its_folder(tmp_path):
-    (tmp_path / "room").mkdir()
-    (tmp_path / "room" / "a.py").write_text("a = 1\n")
-    (tmp_path / "room" / "data.csv").write_text("1\n")
+    (tmp_path / "dbc").mkdir()
+    (tmp_path / "dbc" / "a.py").write_text("a = 1\n")
+    (tmp_path / "dbc" / "own.dbc").write_text("1\n")
     before = state(tmp_path)
-    assert set(before) == {"room", "room/data.csv"}
-    (tmp_path / "room" / "b.py").write_text("b = 1\n")
-    (tmp_path / "linked").symlink_to("room")
+    assert set(before) == {"dbc", "dbc/own.dbc"}
+    (tmp_path / "dbc" / "b.py").write_text("b = 1\n")
+    (tmp_path / "linked").symlink_to("dbc")
     after = state(tmp_path)
-    assert set(after) == set(before) and after["room/data.csv"] == before["room/data.csv"]
-    assert after["room"] != before["room"]
+    assert set(after) == set(before) and after["dbc/own.dbc"] == before["dbc/own.dbc"]
+    assert after["dbc"] != before["dbc"]
+
+
+def test_a_template_is_of_its_folder_of_sources(tmp_path):
+    (tmp_path / "room" / "templates").mkdir(parents=True)
+    (tmp_path / "room" / "templates" / "Makefile").write_text("all:\n")
+    before = state(tmp_path)
+    (tmp_path / "room" / "templates" / "Makefile").write_text("none:\n")
+    assert set(before) == {"room/templates"} and state(tmp_path) != before
 
 
 def test_digests_are_kept_a_line_a_block(tmp_path):
