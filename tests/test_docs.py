@@ -43,7 +43,7 @@ def test_readme_shows_what_its_commands_print(one_server):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "page",
-    [p if p.name == "tutorial.md" else pytest.param(p, marks=pytest.mark.long) for p in PAGES],
+    [p if p.name == "tutorial.md" else pytest.param(p, marks=pytest.mark.slow) for p in PAGES],
     ids=lambda p: p.name,
 )
 def test_page_shows_what_its_quick_commands_print(page, one_server):
