@@ -219,7 +219,8 @@ def accept(what: str, body: object) -> Body:
         raise CanrollError(f"{what}: a {type(body).__name__}, it must be a Body")
     if getattr(body.step, "_sig", None) != STEP_SIGNATURE:
         raise CanrollError(
-            f"{what}: compile its step with canroll.plant_sim.kernels.jit.cfunc(STEP_SIGNATURE)"
+            f"{what}: its step must be compiled with "
+            "canroll.plant_sim.kernels.jit.cfunc(STEP_SIGNATURE)"
         )
     build = guarded(what, body.build, 2, tuple)
 

@@ -197,7 +197,7 @@ FORMATS = (
     Format("stage", "stage.py", _stage, costly=True),
     Format("fmu", "van.fmu", _fmu),
     Format("fmu", "van.toml", _fmu),
-    Format("elf", "canroll.firmware.elf", a2l.addresses),
+    Format("elf", "firmware.elf", a2l.addresses),
     *(Format("log", f"log.{suffix}", _log) for suffix in LOGS),
     Format("mf4", "log.mf4", _log, costly=True),
     Format("mf4", "measurement.mf4", _measurement, costly=True),
@@ -233,7 +233,7 @@ def make_undriven(folder: Path) -> None:
     with zipfile.ZipFile(folder / "fmu" / "van.fmu", "w") as archive:
         archive.writestr("modelDescription.xml", samples.DESCRIPTION)
     if compiler := native.compiler():
-        image = ["-xc", "-", "-c", "-o", str(folder / "elf" / "canroll.firmware.elf")]
+        image = ["-xc", "-", "-c", "-o", str(folder / "elf" / "firmware.elf")]
         symbols = b"int calibration, ecu; const char canroll_epk[4];"
         subprocess.run([compiler, *image], input=symbols, check=True)
     database = cantools.database.load_file(ROOT / "dbc" / "roll_control.dbc")

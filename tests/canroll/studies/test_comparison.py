@@ -102,7 +102,7 @@ def test_saved_runs_are_compared_as_driven_ones(tmp_path, capsys, monkeypatch):
     assert [run["name"] for run in data["runs"]] == ["smc", *saved]
     for law, run in zip(("steering_lead", "ay_feedforward"), data["runs"][1:], strict=True):
         told = json.loads((tmp_path / f"{law}_run" / "result.json").read_text())
-        del told["sha256"], told["vehicle_sha256"], told["vehicle_document"]
+        del told["schema"], told["sha256"], told["vehicle_sha256"], told["vehicle_document"]
         assert {**run, "name": None} == {**told, "name": None}
     assert main(["compare", *saved]) == 0
     assert "warning" not in capsys.readouterr().out

@@ -196,7 +196,7 @@ def test_wrong_identifiers_of_xcp_are_named(tmp_path, table, word):
 
 @pytest.mark.parametrize("content", [b"", b"\x7fELF", b"ELF" * 99])
 def test_an_image_that_is_no_elf_file_is_refused(tmp_path, content):
-    path = tmp_path / "canroll.firmware.elf"
+    path = tmp_path / "firmware.elf"
     path.write_bytes(content)
     with pytest.raises(CanrollError, match="not a readable ELF file") as refusal:
         a2l.addresses(path)

@@ -91,7 +91,7 @@ def test_the_same_vectors_pass_on_a_bare_cortex_m(folder):
     result = make(folder, "run", "example.elf")
     assert result.returncode == 0, result.stderr
     assert "PASS" in result.stdout
-    base = a2l.addresses(folder / "canroll.firmware.elf")
+    base = a2l.addresses(folder / "firmware.elf")
     assert base["ecu"] >= 0x20000000 > base["calibration"]
 
 
