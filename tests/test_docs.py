@@ -97,6 +97,17 @@ def test_commands_that_the_build_does_not_run_are_understood(page):
         cli.parse(arguments)
 
 
+@pytest.mark.drift
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_a_file_that_commands_take_is_named_in_the_text(page):
+    text = page.read_text("utf-8")
+    for block in re.finditer(r"^```\w+ (\S+\.\w+)\n.*?^```$", text, re.M | re.S):
+        taken = re.findall(r"^```(?:console|sh).*?^```$", text[block.end() :], re.M | re.S)
+        if any(re.search(rf"[ =]{re.escape(block[1])}\b", commands) for commands in taken):
+            # viewers show a fence without its name
+            assert block[1] in re.sub(r"^```\w+ \S+$", "", text[: block.start()], flags=re.M)
+
+
 def test_there_are_such_commands():
     assert sum(len(list(shown(page))) for page in [ROOT / "README.md", *PAGES]) > 10
 
