@@ -21,6 +21,8 @@ from typing import Any, TypeVar
 from canroll.errors import CanrollError
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+RENAMED = ("codegen", "dbc", "firmware", "gain_gen", "hil", "plant_sim", "vehicles")
+"""Packages that were beside canroll before version 1.0."""
 
 
 def is_reference(text: object) -> bool:
@@ -93,6 +95,8 @@ def _explained(error: BaseException) -> str:
     reason = " ".join(str(error).split())
     name = type(error).__name__
     text = f"{name}: {reason}" if reason else name
+    if isinstance(error, ModuleNotFoundError) and error.name in RENAMED:
+        text += f": it is canroll.{error.name}"
     if isinstance(error, SyntaxError | ModuleNotFoundError):
         return text  # the first says its place itself, the second has none
     frames = [frame for frame in extract_tb(error.__traceback__) if _is_foreign(frame.filename)]

@@ -8,6 +8,9 @@ from cantools.database import Database, Message
 
 from canroll.dbc.reader import Files, network
 
+if __name__ == "dbc":  # not as a second copy, where the checkout is on the path
+    raise ImportError("the package is canroll.dbc")
+
 PATH = Path(__file__).with_name("roll_control.dbc")
 FD_PATH = PATH.with_name("roll_control_fd.dbc")
 """The same signals in CAN FD frames."""

@@ -142,6 +142,12 @@ def test_nothing_comes_from_the_checkout(canroll):
     assert all(path.startswith(prefix) for path in done.stdout.split())
 
 
+def test_a_law_with_the_names_of_0_2_hears_the_new_ones(canroll):
+    (canroll.folder / "old.py").write_text("from gain_gen.laws import declared\n")
+    code, text = canroll("design", "--law", "old.py:law")
+    assert code == 2 and text.endswith("No module named 'gain_gen': it is canroll.gain_gen\n")
+
+
 CALIBRATION = ("--calibration", "own/calibration.toml")
 
 

@@ -44,6 +44,7 @@ from canroll.runs import phase
 from canroll.setup.bus_frames import (
     firmware_of,
     profile_of,
+    refuse_idle,
     refuse_useless_key,
     secret_of,
     stage_of,
@@ -112,6 +113,7 @@ def run(args: argparse.Namespace) -> int:
         return replay(args.replay, backend, firmware, key)
     if loaded is None:
         raise CanrollError("--calibration FILE is required; create one with 'canroll design'")
+    refuse_idle(firmware.bus, loaded.record, str(profile.map_file))
     if drive:
         return replay_drive(args, loaded, firmware, backend, key)
     duration = nanoseconds(args.duration, "--duration")

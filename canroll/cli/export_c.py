@@ -27,7 +27,7 @@ from canroll.gain_gen.calibration.record import identify
 from canroll.runs.experiment import plan
 from canroll.runs.result import Run
 from canroll.runs.traffic import record_traffic
-from canroll.setup.bus_frames import refuse_wide_steps
+from canroll.setup.bus_frames import refuse_idle, refuse_wide_steps
 from canroll.setup.controller import Controller
 
 HOSTILE_TICKS = 200
@@ -99,6 +99,7 @@ def described(
     )
     if args.dbc is not None:
         bus = load_map(paths_of(args.dbc), Path(args.map))
+        refuse_idle(bus, record, str(args.map))
         show(warnings(bus.warnings))
         if record.e2e and not bus.protected:
             record.e2e = 0

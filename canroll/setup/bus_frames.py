@@ -7,7 +7,7 @@ from typing import Any
 
 from canroll.codegen.generated import own_stage
 from canroll.codegen.generated.bus_map import BusMap
-from canroll.codegen.generated.mailbox import RECEIVED, VALID_BITS
+from canroll.codegen.generated.mailbox import RECEIVED, TRANSMITTED, VALID_BITS
 from canroll.codegen.generated.own_stage import OwnStage
 from canroll.codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_stage
 from canroll.dbc import attribute, read
@@ -130,16 +130,12 @@ def _other_rates(profile: BusProfile) -> Iterator[str]:
 
 def _lacking(profile: BusProfile, bus: BusMap, record: Calibration) -> Iterator[str]:
     """Warnings on what the frames of a bus do not carry; what the loop requires is refused."""
+    refuse_idle(bus, record, str(profile.map_file))
     fields = _mapped(bus)
-    where = f"{profile.map_file} [receive.vehicle_motion]"
-    if "speed" not in fields:
-        raise CanrollError(
-            f"{where}: no signal is mapped to speed: the law commands nothing without it"
-        )
     if "steering" not in fields and _steers(record, fields):
         raise CanrollError(
-            f"{where}: no signal is mapped to steering, which this law, observer or learning of "
-            "offsets requires: choose another"
+            f"{profile.map_file} [receive.vehicle_motion]: no signal is mapped to steering, which "
+            "this law, observer or learning of offsets requires: choose another"
         )
     for message, timeout in enumerate(record.timeout_ticks):
         slot = RECEIVED[message]
@@ -207,6 +203,23 @@ def absent(bus: BusMap, message: int, record: Calibration | None = None) -> str:
     carried = sum(box.bits for box in bus.frames_of(RECEIVED[message]))
     fields = VALID_BITS[RECEIVED[message]]
     return next((f for k, f in enumerate(fields) if (needed & ~carried) >> k & 1), "")
+
+
+def refuse_idle(bus: BusMap, record: Calibration, map_file: str) -> None:
+    """Raise CanrollError for frames over which a loop with this calibration commands nothing."""
+    from canroll.firmware.event_trigger import command_slot  # noqa: PLC0415 - of own frames alone
+
+    slot = command_slot(record)
+    if not bus.transmitted[slot].name:
+        raise CanrollError(
+            f"{map_file}: no [transmit.{TRANSMITTED[slot]}], which commands the actuators of this "
+            "calibration: add it, or design with another --actuator"
+        )
+    if "speed" not in _mapped(bus):
+        raise CanrollError(
+            f"{map_file} [receive.vehicle_motion]: no signal is mapped to speed: the law commands "
+            "nothing without it"
+        )
 
 
 def refuse_wide_steps(bus: BusMap, record: Calibration, map_file: str) -> None:

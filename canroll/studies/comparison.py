@@ -40,6 +40,9 @@ class Comparison:
 
     runs: tuple[Named, ...]
 
+    def __repr__(self) -> str:
+        return f"<{'; '.join(f'{run.name}: {run.result.verdict}' for run in self.runs)}>"
+
     @property
     def results(self) -> dict[str, Result]:
         """The results by name."""

@@ -90,6 +90,9 @@ class SevereStudy:
     table: Table
     against: Sequence[Difference]
 
+    def __repr__(self) -> str:
+        return f"<{self.about['law']} for {self.about['vehicle']}: {len(self.table)} rows>"
+
     def to_json(self) -> dict[str, Any]:
         """Return the study as plain data."""
         return {**self.about, "rows": list(self.table)}

@@ -81,9 +81,9 @@ def test_the_frames_of_an_own_bus_are_in_the_bundle(folder, monkeypatch):
     monkeypatch.chdir(folder)
     (line,) = re.findall(r"^canroll (export-c .*)$", PAGE, re.M)
     assert main(shlex.split(line)) == 0
-    source = (folder / "bundle" / "src" / "canroll_signals.c").read_text()
+    source = (folder / "own" / "bundle" / "src" / "canroll_signals.c").read_text()
     assert re.search(r"\b291\b|0x0*123\b", source) and re.search(r"\b801\b|0x0*321\b", source)
     if shutil.which("cc") and shutil.which("make"):
-        command = ["make", "-C", folder / "bundle", "test"]
+        command = ["make", "-C", folder / "own" / "bundle", "test"]
         done = subprocess.run(command, capture_output=True, text=True, timeout=1800, check=True)
         assert "PASS" in done.stdout

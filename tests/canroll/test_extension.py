@@ -129,6 +129,7 @@ def folder(tmp_path, monkeypatch):
         (tmp_path / f"{name}.py").write_text(text)
     (tmp_path / "broken.py").write_text("def law(task:\n")
     (tmp_path / "absent.py").write_text("import no_such_module\n")
+    (tmp_path / "old.py").write_text("from gain_gen.laws import declared\n")
     (tmp_path / "exits.py").write_text("import sys\nsys.exit()\n")
     for registry in (LAWS, BODIES, MANEUVERS, BUSES):
         known = dict(registry._loaded)
@@ -151,6 +152,7 @@ def folder(tmp_path, monkeypatch):
         ("law.py:text", "a str, it must be a function"),
         ("broken.py:law", "SyntaxError: '(' was never closed (broken.py, line 1)"),
         ("absent.py:law", "ModuleNotFoundError: No module named 'no_such_module'"),
+        ("old.py:law", "ImportError: the package is canroll.gain_gen"),
         ("exits.py:law", "exits.py, line 2: SystemExit"),
         ("no_such_module:law", "ModuleNotFoundError: No module named 'no_such_module'"),
         ("json:law", "defines no 'law'"),

@@ -1,11 +1,12 @@
 """The commands: export-c refuses what is not verified, timing judges the budget."""
 
 import json
+from pathlib import Path
 
 import pytest
 
 from canroll.cli import export_c, prove, timing
-from canroll.cli.main import parse
+from canroll.cli.main import main, parse
 from canroll.codegen.run import cortex, native
 from canroll.errors import CanrollError, VerdictError
 
@@ -144,3 +145,22 @@ def test_timing_of_specialised_firmware_counts_the_same_authentication(capsys):
     assert special["authentication_instructions"] == general["authentication_instructions"]
     assert special["instructions"]["mean"] < 0.8 * general["instructions"]["mean"]
     assert special["bytes"]["state"] == general["bytes"]["state"]
+
+
+OWN = Path(__file__).parents[3] / "examples" / "own_bus"
+COMMANDS_OF_OWN = (
+    "export-c {folder}/c --law lqr --actuator dampers {frames}",
+    "ecu --calibration {folder}/calibration.toml --replay {folder}/log.asc {frames}",
+    "ecu --calibration {folder}/calibration.toml -i virtual -c none --duration 1 {frames}",
+)
+
+
+@pytest.mark.parametrize("command", COMMANDS_OF_OWN, ids=lambda words: " ".join(words.split()[:4]))
+def test_frames_over_which_nothing_is_commanded_are_refused(command, tmp_path, capsys):
+    assert main(["design", "--law", "lqr", "--actuator", "dampers", "--out", str(tmp_path)]) == 0
+    (tmp_path / "log.asc").write_text("")
+    frames = f"--dbc {OWN / 'own.dbc'} --map {OWN / 'own.toml'}"
+    capsys.readouterr()
+    assert main(command.format(folder=tmp_path, frames=frames).split()) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "own.toml: no [transmit.damper], which commands" in error
