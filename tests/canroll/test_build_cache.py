@@ -178,7 +178,7 @@ def test_keys_differ_by_each_bit_of_a_number():
 
 def test_keys_are_equal_in_every_process():
     program = (
-        "from canroll import build_cache; import vehicles; "
+        "from canroll import build_cache, vehicles; "
         "print(build_cache.key(vehicles.load('van_real'), {'b', 'a'} and ('a', 'b')).hex())"
     )
     seen = {

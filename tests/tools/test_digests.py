@@ -21,13 +21,13 @@ $ grep -c mass vehicles/van_real.toml
 ```
 
 ```console slow
-$ python -c "from vehicles.load import load; print(load('suv_2020').name)"
+$ python -c "from canroll.vehicles.load import load; print(load('suv_2020').name)"
 ```
 """,
     DRIVE: """\
 ```python child.py
 import subprocess, sys
-subprocess.run([sys.executable, "-c", "import plant_sim.bodies.roll"], check=True)
+subprocess.run([sys.executable, "-c", "import canroll.plant_sim.bodies.roll"], check=True)
 ```
 
 ```console machine
@@ -112,7 +112,7 @@ def test_data_make_stale_what_reads_them_and_what_comes_after(made, edit):
 def test_a_command_or_a_file_makes_stale_its_block_and_those_after(made, edit):
     edit(CARS, "load('suv_2020')", "load('van_2022')")
     assert set(stale(made)) == {f"{CARS}:6"}
-    edit(DRIVE, "import plant_sim.bodies.roll", "import vehicles")
+    edit(DRIVE, "import canroll.plant_sim.bodies.roll", "import canroll.vehicles")
     assert set(stale(made)) == {f"{CARS}:6", f"{DRIVE}:6", f"{DRIVE}:11"}
 
 
