@@ -198,6 +198,12 @@ def test_a_picture_is_the_one_that_the_commands_leave(page):
     assert build("--check", path)[0] == 0
 
 
+def test_a_picture_that_no_command_leaves_fails_the_build(page):
+    path = page("![it](it.png)<!-- from made.png -->\n\n```console\n$ echo it\nit\n```\n")
+    code, text = build(path)
+    assert code == 1 and "page.md: no command leaves made.png" in text
+
+
 @pytest.mark.parametrize(
     "command", ["echo told; false", "(echo told; exit 3) | cat", "(echo told; exit 2) | cat | cat"]
 )

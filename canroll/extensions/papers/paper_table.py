@@ -247,9 +247,9 @@ def _cell(value: Value, key: str) -> str | Cell:
     return Cell(text(value), value, key)
 
 
-def _shown(cell: str | Cell) -> str:
-    return cell if isinstance(cell, str) else cell.text
+def _shown(cell: str | int | Cell) -> str:
+    return cell.text if isinstance(cell, Cell) else str(cell)
 
 
 def _in_markdown(cell: str | int | Cell) -> str:
-    return (cell.text if isinstance(cell, Cell) else str(cell)).replace("|", "\\|")
+    return _shown(cell).replace("|", "\\|")

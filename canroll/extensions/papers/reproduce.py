@@ -213,8 +213,8 @@ def _span(ratios: Sequence[float]) -> str:
 
 
 def _tally(rows: Sequence[PaperRow]) -> dict[str, int]:
-    found = Counter(row.verdict for row in rows)
-    return {verdict: found[verdict] for verdict in VERDICTS}
+    counts = Counter(row.verdict for row in rows)
+    return {verdict: counts[verdict] for verdict in VERDICTS}
 
 
 def shown(value: float) -> str:
